@@ -17,12 +17,12 @@
 typedef struct { uint64_t magic; uint32_t version, state; uint64_t newest, period_ns;
                  uint32_t n_slots, slot_bytes, first_slot, contacts_offset;
                  uint32_t n_links, n_buses, n_patches, n_tactels; char name[64];
-                 uint64_t surfaces, boards, tactels; } header_t;
+                 uint64_t geometry; } header_t;
 typedef struct { uint64_t sequence, number; int64_t t_ns, latency_ns;
                  uint32_t counter, level, flags, n_contacts; } cycle_t;
 typedef struct { int64_t identity, seen_ns; uint32_t id, link, state, quality, level, has_covariance;
                  double s, a, force, point[3], normal[3], covariance[9]; } contact_t;
-enum { VERSION = 2, RUNNING = 1, MAX_CONTACTS = 64, STALE_PERIODS = 3, MAX_BYTES = 16 << 20, TRIES = 1000 };
+enum { VERSION = 3, RUNNING = 1, MAX_CONTACTS = 64, STALE_PERIODS = 3, MAX_BYTES = 16 << 20, TRIES = 1000 };
 
 /* Opens an object without following links or waiting for anybody; returns its size, 0 for what is not trusted. */
 static size_t open_trusted(const char *name, int *file)

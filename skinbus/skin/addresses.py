@@ -70,20 +70,15 @@ def find_places(
     Raises:
         AddressError: they do not fit the buses; the message names these.
     """
-    said = channels_by_name(buses, channels)
     faults: list[str] = []
     places: list[BusAddress] = []
-    for bus, channel in zip(buses, said, strict=True):
+    for bus, said in zip(buses, channels_by_name(buses, channels), strict=True):
         where = interface_of(bus, interface)
-        channel = channel or bus.channel
-        if channel is None and len(buses) == 1:
-            channel = DEFAULT_CHANNELS.get(where)
-            if channel is None and where in NEED_CHANNEL:
-                faults.append(f"{where} is behind a serial port: give --channel, such as /dev/ttyACM0")
-        elif channel is None:
-            python = f'channel={{"{bus.name}": ...}} in Python'
-            said_by = f"--channel {bus.name}=... ({python})"
-            faults.append(f"bus {bus.name} has no channel: {said_by}, or channel in its [[bus]]")
+        channel = said or bus.channel or (DEFAULT_CHANNELS.get(where) if len(buses) == 1 else None)
+        if channel is None and len(buses) > 1:
+            faults.append(f"bus {bus.name} has no channel: {how_to_say(bus)}, or channel in its [[bus]]")
+        elif channel is None and where in NEED_CHANNEL:
+            faults.append(f"{where} is behind a serial port: give --channel, such as /dev/ttyACM0")
         place = BusAddress(where, channel, bitrate or bus.bitrate, bus.data_bitrate)
         if channel is not None and place[:2] in [other[:2] for other in places]:
             faults.append(f"bus {bus.name} is on {place}, as another bus is")
@@ -91,6 +86,11 @@ def find_places(
     if faults:
         raise AddressError("; ".join(faults))
     return places
+
+
+def how_to_say(bus: BusSettings) -> str:
+    """Return how the channel of one of several buses is said."""
+    return f'--channel {bus.name}=... (channel={{"{bus.name}": ...}} in Python)'
 
 
 def interface_of(bus: BusSettings, interface: str | None) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,11 +17,10 @@ from skinbus.errors import ShareError
 from skinbus.estimate import LEVELS
 from skinbus.model import Arm
 from skinbus.skin.contact import Context
-from skinbus.skin.cycle import CONTACT, PATCH, Cycle, CycleFlags, Readings, SkinLayout
+from skinbus.skin.cycle import Cycle, CycleFlags, Readings, SkinLayout
 from skinbus.skin.feed import Feed, Positions
-from skinbus.skin.layout import GEOMETRY
 from skinbus.skin.robot_here import RobotHere
-from skinbus.skin.shared_memory import BUDGET, HEAD, Offsets, SharedReader, is_written
+from skinbus.skin.shared_memory import SharedReader
 from skinbus.skin.skin import Skin
 
 LOOKS: Final = 20
@@ -54,36 +54,37 @@ def attach(name: str, *, arm: str | Path | Arm | None = None, timeout_s: float =
     """
     loaded = arm if arm is None or isinstance(arm, Arm) else load_arm(arm, check_load=False)
     end = time.monotonic() + timeout_s
-    while not is_written(name) and time.monotonic() < end:
+    while True:
+        is_last = time.monotonic() >= end
+        try:
+            feed = _SharedFeed(name, loaded)
+        except ShareError:
+            if is_last:
+                raise
+        else:
+            if feed.is_running or is_last:
+                return Skin(feed)
+            feed.close()
         time.sleep(ATTACH_PAUSE_S)
-    return Skin(_SharedFeed(name, loaded))
 
 
-def unpacked(
-    data: bytes, layout: SkinLayout, offsets: Offsets, now_ns: Callable[[], int], robot: RobotHere
-) -> Cycle:
-    """Return the cycle in the bytes of a slot; pressures were rounded to float32."""
-    _, number, t_ns, latency_ns, counter, level, flags, _ = HEAD.unpack_from(data)
-    records = np.frombuffer(data, CONTACT, -1, offsets.contacts)
-    n = (offsets.faults - offsets.valid) // np.dtype(np.bool_).itemsize
-    valid = np.frombuffer(data, np.bool_, n, offsets.valid)
-    (budget_us,) = BUDGET.unpack_from(data, offsets.budget)
+def unpacked(slot: np.void, layout: SkinLayout, now_ns: Callable[[], int], robot: RobotHere) -> Cycle:
+    """Return the cycle in a slot; pressures were rounded to float32."""
+    records = slot["contacts"][: slot["n_contacts"]]
+    level, budget_us, t_ns = int(slot["level"]), float(slot["budget_us"]), int(slot["t_ns"])
+    readings = Readings(slot["pressures"].astype(np.float64), slot["valid"], slot["faults"])
     return Cycle(
-        number,
+        int(slot["number"]),
         t_ns,
-        counter,
+        int(slot["counter"]),
         LEVELS[level] if level < len(LEVELS) else None,
-        CycleFlags(flags),
-        1e-9 * latency_ns,
-        Context(layout, now_ns, lambda: robot.place(t_ns, records, not valid.any())),
+        CycleFlags(int(slot["flags"])),
+        1e-9 * int(slot["latency_ns"]),
+        Context(layout, now_ns, lambda: robot.place(t_ns, records, not readings.valid.any())),
         records,
-        np.frombuffer(data, PATCH, len(layout.node_id), offsets.patches),
-        Readings(
-            np.frombuffer(data, "<f4", n, offsets.pressures).astype(np.float64),
-            valid,
-            np.frombuffer(data, np.uint8, n, offsets.faults),
-        ),
-        budget_us=budget_us if budget_us == budget_us else None,
+        slot["patches"],
+        readings,
+        budget_us=None if math.isnan(budget_us) else budget_us,
     )
 
 
@@ -113,10 +114,10 @@ class _SharedFeed(Feed):
 
     def newest(self) -> Cycle:
         """Return the newest cycle."""
-        if not self._is_closed and (newest := self._reader.newest) != self._last.number:
-            number, data = self._reader.read_from(newest)
-            if number:
-                self._last = self._cycle(data)
+        if self._is_closed or (newest := self._reader.newest) == self._last.number:
+            return self._last
+        if (slot := self._reader.read_from(newest)) is not None:
+            self._last = self._cycle(slot)
         return self._last
 
     def peek(self) -> Cycle:
@@ -127,9 +128,8 @@ class _SharedFeed(Feed):
         """Return the cycle with a number, or the oldest that is there after it."""
         end = time.monotonic() + timeout_s
         while not self._is_closed:
-            found, data = self._reader.read_from(number, MARGIN)
-            if found:
-                return self._cycle(data)
+            if (slot := self._reader.read_from(number, MARGIN)) is not None:
+                return self._cycle(slot)
             if self._reader.is_stopped or time.monotonic() >= end:
                 if not self.is_over and not self._reader.is_alive:
                     raise ShareError(f"the process that wrote shared memory {self._name!r} has died")
@@ -148,8 +148,8 @@ class _SharedFeed(Feed):
             self._is_closed = True
             self._reader.close()
 
-    def _cycle(self, data: bytes) -> Cycle:
-        return unpacked(data, self.layout, self._reader.offsets, self._clock.now_ns, self._robot)
+    def _cycle(self, slot: np.void) -> Cycle:
+        return unpacked(slot, self.layout, self._clock.now_ns, self._robot)
 
 
 def _on_arm(written: SkinLayout, arm: Arm) -> SkinLayout:
@@ -159,14 +159,9 @@ def _on_arm(written: SkinLayout, arm: Arm) -> SkinLayout:
         ShareError: they are not of one arm.
     """
     here = SkinLayout.of(arm)
-    for what in ("links", "buses", "n_tactels"):
-        theirs, ours = getattr(written, what), getattr(here, what)
-        if theirs != ours:
-            raise ShareError(f"shared memory is of another arm than {arm.name}: {what} {theirs}, not {ours}")
-    pairs = zip(GEOMETRY, written.geometry, here.geometry, strict=True)
-    if other := [what for what, theirs, ours in pairs if theirs != ours]:
+    if any(getattr(written, name) != getattr(here, name) for name in ("links", "buses", "geometry")):
         raise ShareError(
-            f"shared memory is of another arm than {arm.name}: not the same {', '.join(other)}; "
-            "give the arm file that the writer runs, as it was when it began"
+            f"shared memory is of another arm than {arm.name}: links or buses have other names, or links, "
+            "boards or tactels are elsewhere; give the arm file that the writer runs, as it was when it began"
         )
     return replace(written, X_LS=here.X_LS, joints=here.joints)

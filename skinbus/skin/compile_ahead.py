@@ -10,13 +10,13 @@ from __future__ import annotations
 import fcntl
 import gc
 import os
-import selectors
 import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, nullcontext, suppress
+from contextlib import nullcontext
 from functools import cache
 from typing import Any, Final
 
@@ -44,8 +44,6 @@ POLL_S: Final = 0.05
 """How often it is asked what has been compiled: each part takes several seconds."""
 PROGRAM: Final = "from skinbus.skin.compile_ahead import main; main()"
 """Started with ``-m``, compiling takes a quarter more of the processor, all of it in the kernel."""
-DONE: Final = b"\x06"
-"""ASCII acknowledge: numba prints none, whatever its settings for debugging are."""
 PLAIN: Final = {"NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING": "1"}
 """numba colours thousands of errors that are no errors: templates that do not fit the types of a call."""
 GC_THRESHOLDS: Final = (50_000, 20, 50)
@@ -120,50 +118,38 @@ def is_kept(part: str) -> bool:
     return True
 
 
-_GOING_ON: Final[list[subprocess.Popen[bytes]]] = []
-"""Python warns of a process that is forgotten while it runs."""
+def start(part: str) -> subprocess.Popen[bytes]:
+    """Compile a part in a process that goes on to its end; what another compiles already is waited for."""
+    return subprocess.Popen(
+        (sys.executable, "-c", PROGRAM, part),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,  # else who reads ours would wait for its end
+        start_new_session=True,
+        env=os.environ | PLAIN,
+    )
 
 
-def start(parts: Iterable[str]) -> list[subprocess.Popen[bytes]]:
-    """Compile parts in processes that go on to their end: levels in order by one, the others by another.
+def compiled(parts: Iterable[str], is_asked_to_end: Callable[[], bool]) -> Iterator[str]:
+    """Yield each part when it has been compiled, until the caller is asked to end.
 
-    Each level contains kernels of those below it, which a process compiles once. What another process
-    compiles already is waited for.
+    Levels are compiled in order, as each has the kernels of those below it, and the others beside them.
     """
-    groups: tuple[list[str], list[str]] = [], []
+    queues: tuple[list[str], list[str]] = [], []
     for part in parts:
-        groups[part in LEVELS].append(part)
-    return [
-        subprocess.Popen(
-            (sys.executable, "-c", PROGRAM, *group),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,  # else who reads ours would wait for its end
-            start_new_session=True,
-            env=os.environ | PLAIN,
-        )
-        for group in groups
-        if group
-    ]
-
-
-def compiled(
-    processes: Sequence[subprocess.Popen[bytes]], is_asked_to_end: Callable[[], bool]
-) -> Iterator[None]:
-    """Yield once for each part that processes have compiled, until they or the caller end."""
-    with selectors.DefaultSelector() as selector, ExitStack() as stack:
-        for process in processes:
-            assert process.stdout is not None
-            selector.register(stack.enter_context(process.stdout), selectors.EVENT_READ, process)
-            _GOING_ON.append(process)
-        while selector.get_map() and not is_asked_to_end():
-            for key, _ in selector.select(POLL_S):
-                said = os.read(key.fd, 1024)
-                if not said:
-                    selector.unregister(key.fileobj)
-                    key.data.wait()
-                    _GOING_ON.remove(key.data)
-                yield from [None] * said.count(DONE)
+        queues[part in LEVELS].append(part)
+    running: dict[int, tuple[str, subprocess.Popen[bytes]]] = {}
+    while not is_asked_to_end():
+        for k, queue in enumerate(queues):
+            if k in running and running[k][1].poll() is None:
+                continue
+            if k in running:
+                yield running.pop(k)[0]
+            if queue:
+                running[k] = queue[0], start(queue.pop(0))
+        if not running:
+            return
+        time.sleep(POLL_S)
 
 
 def compile_missing(
@@ -176,14 +162,10 @@ def compile_missing(
     on_begin: called with their number before the first, if there are any; returns what is called after each.
     """
     missing = [] if kernel_folder().path is None else [part for part in parts if not is_kept(part)]
-    if not missing:
-        return
-    on_part = on_begin(len(missing))
-    processes = start(missing)
-    for _ in compiled(processes, is_asked_to_end):
-        on_part()
-    for process in processes:
-        process.terminate()  # none is left unless the caller was asked to end
+    on_part = on_begin(len(missing)) if missing else None
+    for _ in compiled(missing, is_asked_to_end):
+        if on_part:
+            on_part()
 
 
 def first_level(level: str) -> str:
@@ -207,7 +189,7 @@ class Raising:
         self._thread.join()
 
     def _run(self) -> None:
-        for level, _ in zip(self._todo, compiled(start(self._todo), self._ends.is_set), strict=False):
+        for level in compiled(self._todo, self._ends.is_set):
             if is_kept(level):  # else it could not be compiled: the master stays below it
                 self._master.allow(level)
 
@@ -219,18 +201,12 @@ def give_way() -> None:
 
 
 def main() -> None:
-    """Compile parts, giving way to everything else on the machine; of each only one process at a time.
-
-    ``DONE`` on standard output says that one is compiled.
-    """
+    """Compile a part, giving way to everything else on the machine; of each only one process at a time."""
     give_way()
     os.nice(10)
     gc.set_threshold(*GC_THRESHOLDS)
-    folder = kernel_folder().path
-    for part in sys.argv[1:]:
-        with (folder / f"{part}.lock").open("a") if folder else nullcontext() as lock:
-            if lock:
-                fcntl.flock(lock, fcntl.LOCK_EX)
-            PARTS[part]()
-        with suppress(BrokenPipeError):  # who asked for it has ended
-            os.write(1, DONE)
+    folder, part = kernel_folder().path, sys.argv[1]
+    with (folder / f"{part}.lock").open("a") if folder else nullcontext() as lock:
+        if lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        PARTS[part]()

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.errors import ArgumentError, LocalProtocolError
+from skinbus.errors import LocalProtocolError
 from skinbus.estimate import TactelFault as TactelFault
 from skinbus.estimate import TrackState as TrackState
 from skinbus.master.level_control import CycleFlags as CycleFlags
@@ -78,10 +78,6 @@ class Readings:
         """Return those of an arm, of which the patches that are ``fresh`` have answered."""
         valid = fresh[arm.tactel_patch] & arm.tactel_healthy & (faults == 0)
         return cls(np.where(valid, pressures, 0.0), valid, faults.astype(np.uint8))
-
-    def health(self, tactel: int) -> TactelFault:
-        """Return what is wrong with a tactel; ``TactelFault(0)`` for nothing."""
-        return TactelFault(int(self.faults[tactel]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +179,7 @@ class Cycle:
 
     @property
     def robot(self) -> RobotContacts | None:
-        """All that is known of the robot; None where nothing is."""
+        """All that is known of the robot, as wrenches and covariances of torques; None where nothing is."""
         return self.context.placed.robot if self.context.placed else None
 
     @property
@@ -200,35 +196,6 @@ class Cycle:
     def joint_torques(self) -> Floats:
         """(n_joints,) N m (N of prismatic joints) by which all contacts act on the joints; or NaN."""
         return self.robot.torques if self.robot is not None else self._unknown()
-
-    @property
-    def joint_torque_covariance(self) -> Floats | None:
-        """(n_joints, n_joints); None where it is not known."""
-        robot = self.robot
-        if robot is None or np.isnan(robot.torque_covariance).any():
-            return None
-        return robot.torque_covariance
-
-    @property
-    def base_wrench(self) -> Floats:
-        """(6,) force (N) and moment (N m) of all contacts about the base, in the base frame; or NaN."""
-        if self.robot is not None:
-            return self.robot.base_wrench
-        self._unknown()
-        return np.full(6, np.nan)
-
-    def link_wrench(self, link: str) -> Floats:
-        """Return force (N) and moment (N m) of the contacts of a link, (6,); NaN where it is not known.
-
-        They are about the origin of the URDF link that carries it, in that frame; ``link`` is the name in the
-        arm file, as ``contact.link``. ArgumentError for another.
-        """
-        if link not in self.layout.links:
-            raise ArgumentError(f"no link {link!r} in the arm file; it has {', '.join(self.layout.links)}")
-        if self.robot is not None:
-            return np.asarray(self.robot.link_wrench[self.layout.links.index(link)])
-        self._unknown()
-        return np.full(6, np.nan)
 
     def _unknown(self) -> Floats:
         """Return a NaN for each joint."""
@@ -257,12 +224,9 @@ def no_cycle(layout: SkinLayout) -> Cycle:
 
 def fill_places(records: Records, arm: Arm) -> None:
     """Write point and normal of contacts, where s, a and link are written."""
-    for number in np.unique(records["link"]).tolist():
-        here = records["link"] == number
-        if number < len(arm.links):
-            surface = arm.links[number].surface
-            records["point"][here], records["normal"][here] = surface.position(
-                records["s"][here], records["a"][here]
-            )
-        else:  # a listener's arm file is not the master's
-            records["point"][here] = records["normal"][here] = np.nan
+    records["point"] = records["normal"] = np.nan  # where a listener's arm file is not the master's
+    for k, link in enumerate(arm.links):
+        here = records["link"] == k
+        if here.any():
+            places = records["s"][here], records["a"][here]
+            records["point"][here], records["normal"][here] = link.surface.position(*places)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 import numpy.typing as npt
@@ -28,7 +28,7 @@ PACE_S: Final = 1.0
 
 
 class Feed:
-    """A source of cycles, numbered from 1 on, that several consumers follow side by side."""
+    """Cycles pushed by a thread, numbered from 1 on; consumers follow the last ``KEPT`` side by side."""
 
     is_pulled = False
     """Whether a cycle is made when it is asked for: then time stands still between two of them."""
@@ -44,49 +44,6 @@ class Feed:
         self.layout = layout
         self.what = what
         self._last = no_cycle(layout)
-
-    @property
-    def is_over(self) -> bool:
-        """Whether no more cycles will come."""
-        raise NotImplementedError
-
-    @property
-    def is_running(self) -> bool:
-        """Whether cycles may come: the source has not ended, nor has the process that it depends on."""
-        return not self.is_over
-
-    def peek(self) -> Cycle:
-        """Return the newest cycle there is; makes none, and raises nothing."""
-        return self._last
-
-    def newest(self) -> Cycle:
-        """Return the newest cycle; never waits. Raises what has ended the source, if that is an error."""
-        raise NotImplementedError
-
-    def get(self, number: int, timeout_s: float) -> Cycle | None:
-        """Return the first cycle still kept whose number is at least this; None if none came in time.
-
-        Raises what has ended the source, if that is an error and no cycle is left.
-        """
-        raise NotImplementedError
-
-    def zero(self, patch: int | None) -> None:
-        """Make what a patch reads now its zero; all patches when None."""
-        raise LocalProtocolError("only the process of the master, or a client on its bus, can set zeros")
-
-    def set_joints(self, positions: Positions, t_ns: int | None) -> None:
-        """Take joint positions of a time on the clock of the source; now when None."""
-        raise LocalProtocolError("only the process of the master takes joint positions")
-
-    def close(self) -> None:
-        """End the source, cleanly; a second call does nothing."""
-
-
-class PushFeed(Feed):
-    """Cycles pushed by a thread of their own; the last ``KEPT`` are kept."""
-
-    def __init__(self, layout: SkinLayout, what: str) -> None:
-        super().__init__(layout, what)
         self._kept: deque[Cycle] = deque(maxlen=KEPT)
         self._came = threading.Condition()
         self._is_over = False
@@ -94,8 +51,13 @@ class PushFeed(Feed):
 
     @property
     def is_over(self) -> bool:
-        """Whether ``end`` was called."""
+        """Whether no more cycles will come."""
         return self._is_over
+
+    @property
+    def is_running(self) -> bool:
+        """Whether cycles may come: the source has not ended, nor has the process that it depends on."""
+        return not self.is_over
 
     def push(self, cycle: Cycle) -> None:
         """Add a cycle; its number is that of the one before and 1."""
@@ -110,49 +72,55 @@ class PushFeed(Feed):
             self._is_over, self._error = True, error
             self._came.notify_all()
 
+    def peek(self) -> Cycle:
+        """Return the newest cycle there is; makes none, and raises nothing."""
+        return self._last
+
     def newest(self) -> Cycle:
-        """Return the newest cycle."""
+        """Return the newest cycle; never waits. Raises what has ended the source, if that is an error."""
         if self._error is not None:
             raise self._error
         return self._last
 
     def get(self, number: int, timeout_s: float) -> Cycle | None:
-        """Return the cycle with a number, or the oldest kept after it."""
+        """Return the first cycle still kept whose number is at least this; None if none came in time.
+
+        Raises what has ended the source, if that is an error and no cycle is left.
+        """
         with self._came:
             self._came.wait_for(lambda: self._last.number >= number or self._is_over, timeout_s)
             if self._last.number >= number:
-                oldest = self._kept[0].number
-                return self._kept[max(number - oldest, 0)]
+                return self._kept[max(number - self._kept[0].number, 0)]
         if self._error is not None:
             raise self._error
         return None
 
+    def zero(self, patch: int | None) -> None:
+        """Make what a patch reads now its zero; all patches when None."""
+        raise LocalProtocolError("only the process of the master, or a client on its bus, can set zeros")
 
-class PullFeed(Feed):
-    """Cycles made one by one, when a consumer asks for one that there is not yet."""
+    def set_joints(self, positions: Positions, t_ns: int | None) -> None:
+        """Take joint positions of a time on the clock of the source; now when None."""
+        raise LocalProtocolError("only the process of the master takes joint positions")
+
+    def close(self) -> None:
+        """End the source, cleanly; a second call does nothing."""
+
+
+class MadeFeed(Feed):
+    """Cycles of a master without time of its own, made one by one when a consumer asks for one."""
 
     is_pulled = True
 
-    def __init__(
-        self,
-        layout: SkinLayout,
-        what: str,
-        make: Callable[[], Cycle | None],
-        master: Master,
-        on_joints: Callable[[], object] = lambda: None,
-    ) -> None:
-        """``make`` returns the next cycle of a master, None at the end."""
+    def __init__(self, layout: SkinLayout, what: str, cycles: Iterator[Cycle], master: Master) -> None:
         super().__init__(layout, what)
-        self._make = make
+        self._cycles = cycles
         self._master = master
-        self._on_joints = on_joints
         self._lock = threading.Lock()
-        self._is_over = False
 
-    @property
-    def is_over(self) -> bool:
-        """Whether the end was reached."""
-        return self._is_over
+    def now_ns(self) -> int:
+        """Time of the source (ns): the end of its last cycle."""
+        return self._last.ended_ns
 
     def newest(self) -> Cycle:
         """Make the next cycle, and return it; the last one at the end."""
@@ -162,9 +130,9 @@ class PullFeed(Feed):
         """Return the cycle with a number, making it if need be."""
         with self._lock:
             while self._last.number < number and not self._is_over:
-                cycle = self._make()
+                cycle = next(self._cycles, None)
                 if cycle is None:
-                    self._is_over = True
+                    self.end()
                 else:
                     self._last = cycle
             return self._last if self._last.number >= number else None
@@ -175,21 +143,22 @@ class PullFeed(Feed):
             set_zero(self._master, patch)
 
     def set_joints(self, positions: Positions, t_ns: int | None) -> None:
-        """Take joint positions; now is the end of the last cycle."""
-        offer(self._master, self._last.ended_ns if t_ns is None else t_ns, positions)
-        self._on_joints()
+        """Take joint positions."""
+        offer(self._master, self.now_ns() if t_ns is None else t_ns, positions)
 
     def close(self) -> None:
         """Make no more cycles."""
-        self._is_over = True
+        self.end()
 
 
-class PacedFeed(PushFeed):
-    """The cycles of a source that has its own time, each when its time has come on the machine's clock."""
+class PacedFeed(MadeFeed):
+    """The same, each cycle made and pushed by a thread when its time has come on the machine's clock."""
 
-    def __init__(self, source: PullFeed) -> None:
-        super().__init__(source.layout, source.what)
-        self._source = source
+    is_pulled = False
+    newest, get = Feed.newest, Feed.get
+
+    def __init__(self, layout: SkinLayout, what: str, cycles: Iterator[Cycle], master: Master) -> None:
+        super().__init__(layout, what, cycles, master)
         self._offset_ns = -time.monotonic_ns()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="skinbus", daemon=True)
@@ -202,40 +171,36 @@ class PacedFeed(PushFeed):
         """Time of the source (ns), which goes on with the machine's clock."""
         return time.monotonic_ns() + self._offset_ns
 
-    def zero(self, patch: int | None) -> None:
-        """Take new zeros."""
-        self._source.zero(patch)
-
-    def set_joints(self, positions: Positions, t_ns: int | None) -> None:
-        """Take joint positions."""
-        self._source.set_joints(positions, self.now_ns() if t_ns is None else t_ns)
-
     def close(self) -> None:
         """End the thread."""
         self._stop.set()
         self._thread.join()
 
+    def _next(self) -> Cycle | None:
+        with self._lock:
+            return next(self._cycles, None)
+
     def _run(self) -> None:
         """Hand the cycles on; where the machine is too slow, time goes slower, and the newest is of now."""
+        error: BaseException | None = None
+        begun_s, begun_ns = time.monotonic(), 0
         try:
-            number, begun_s, begun_ns = 0, time.monotonic(), 0
-            while cycle := self._source.get(number + 1, 0.0):
-                number, ended_ns = cycle.number, cycle.ended_ns
-                if number == 1:
-                    begun_s, begun_ns = time.monotonic(), ended_ns
+            while cycle := self._next():
+                ended_ns, is_first = cycle.ended_ns, cycle.number == 1
                 wait_s = 1e-9 * (ended_ns - self.now_ns())
-                if number == 1 or wait_s < -LATE_S:
-                    self._offset_ns = ended_ns - time.monotonic_ns()
-                if self._stop.wait(max(wait_s, 0.0) if number > 1 else 0.0):
+                if is_first:
+                    begun_s, begun_ns = time.monotonic(), ended_ns
+                if is_first or wait_s < -LATE_S:
+                    self._offset_ns, wait_s = ended_ns - time.monotonic_ns(), 0.0
+                if self._stop.wait(max(wait_s, 0.0)):
                     break
                 self.push(cycle)
                 if (elapsed_s := time.monotonic() - begun_s) > PACE_S:
                     self.pace = 1e-9 * (ended_ns - begun_ns) / elapsed_s
                     begun_s, begun_ns = time.monotonic(), ended_ns
-        except BaseException as error:  # noqa: BLE001 - raised where cycles are taken
-            self.end(error)
-        else:
-            self.end()
+        except BaseException as caught:  # noqa: BLE001 - raised where cycles are taken
+            error = caught
+        self.end(error)
 
 
 def set_zero(master: Master, patch: int | None) -> None:

@@ -1,9 +1,8 @@
-"""What of an arm does not change from cycle to cycle, and digests that distinguish arms by it."""
+"""What of an arm does not change from cycle to cycle, and a digest that distinguishes arms by it."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,8 +14,6 @@ from skinbus.model import Arm
 
 Floats = npt.NDArray[np.float64]
 
-GEOMETRY: Final = ("surfaces of links", "places of boards", "places of tactels")
-NO_GEOMETRY: Final = (0,) * len(GEOMETRY)
 _STEP: Final = 1e-6
 """m to which places are compared: far below what is felt, far above what libraries round differently."""
 
@@ -41,8 +38,8 @@ class SkinLayout:
     """(n_links, 4, 4) poses of surfaces in the URDF's links; None where they are not known."""
     joints: tuple[str, ...] | None = None
     """Names of the joints that move skin or tool; None without ``[robot]``, or where they are not known."""
-    geometry: tuple[int, ...] = NO_GEOMETRY
-    """Digests of what a contact and a reading mean, by ``GEOMETRY``; zeros where they are not known."""
+    geometry: int = 0
+    """Digest of where links, boards and tactels are: of what a contact and a reading mean."""
 
     @classmethod
     def of(cls, arm: Arm) -> SkinLayout:
@@ -65,7 +62,7 @@ class SkinLayout:
             round(1e9 / arm.bus.rate_hz),
             X_LS,
             joints,
-            _digests(arm),
+            _digest(arm),
         )
 
     @property
@@ -84,9 +81,9 @@ class SkinLayout:
         found = [k for k in alike if bus in (None, buses[k])]
         if len(found) == 1:
             return int(found[0])
-        on = "" if bus is None else f" on bus {bus!r}"
-        what = f"several patches have node-ID {node_id}" if found else f"no patch has node-ID {node_id!r}{on}"
-        raise ArgumentError(what + (f": buses {', '.join(buses.values())}" if any(buses.values()) else ""))
+        what = f"{'several patches have' if found else 'no patch has'} node-ID {node_id!r}"
+        there = f": it is on buses {', '.join(buses.values())}" if any(buses.values()) else ""
+        raise ArgumentError(f"{what}{'' if bus is None else f' on bus {bus!r}'}{there}")
 
     def tactels_of(self, patch: int) -> slice:
         """Return the tactels of a patch by its index."""
@@ -94,17 +91,13 @@ class SkinLayout:
         return slice(end - int(self.patch_tactels[patch]), end)
 
 
-def _digests(arm: Arm) -> tuple[int, ...]:
-    """Return a number of 64 bits for each of ``GEOMETRY``; never 0."""
-    surfaces: list[npt.ArrayLike] = []
+def _digest(arm: Arm) -> int:
+    """Return a number of 64 bits for where links, boards and tactels are; never 0."""
+    parts: list[npt.ArrayLike] = [arm.node_id, arm.patch_bus, arm.patch_link, arm.patch_s, arm.patch_a]
+    parts += [arm.patch_start, arm.tactel_s, arm.tactel_a]
     for surface in (link.surface for link in arm.links):
-        surfaces.append([surface.length, surface.radius, surface.period, surface.width, surface.taper])
-        surfaces += [getattr(surface, "points", ()), getattr(surface, "triangles", ())]
-    boards = (arm.node_id, arm.patch_bus, arm.patch_link, arm.patch_s, arm.patch_a)
-    return _digest(surfaces), _digest(boards), _digest((arm.patch_start, arm.tactel_s, arm.tactel_a))
-
-
-def _digest(parts: Iterable[npt.ArrayLike]) -> int:
+        parts.append([surface.length, surface.radius, surface.period, surface.width, surface.taper])
+        parts += [getattr(surface, "points", ()), getattr(surface, "triangles", ())]
     steps = [np.nan_to_num(np.round(np.asarray(part, np.float64) / _STEP)) for part in parts]
     data = b"|".join((step + 0.0).tobytes() for step in steps)  # + 0.0: minus zero is zero
     return int.from_bytes(hashlib.sha256(data).digest()[:8], "little") or 1

@@ -7,12 +7,11 @@ made into pressures on request.
 
 from __future__ import annotations
 
-from collections import defaultdict, deque
+from collections import deque
 from collections.abc import Sequence
-from concurrent.futures import Future
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from threading import Event
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -24,12 +23,10 @@ from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import BusError
 from skinbus.estimate import Baseline, Plausibility, TrackState
-from skinbus.estimate.tracking import SPEED_MOVE
 from skinbus.master.patches.table import MAX_MISSED, PatchState
 from skinbus.model import Arm
-from skinbus.node.sdo_client import SdoClient, SdoResult
+from skinbus.node.sdo_client import SdoClient
 from skinbus.objects import cia, profile
-from skinbus.objects.contacts import ContactState
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import carries_readings, tpdos
 from skinbus.objects.readings import N_IDS, ReadingsPlan
@@ -37,15 +34,11 @@ from skinbus.skin.addresses import BusAddress, find_places, shown
 from skinbus.skin.bus_meter import BusMeter
 from skinbus.skin.contact import CONTACT, UNKNOWN_LEVEL, Context, Records
 from skinbus.skin.cycle import PATCH, Cycle, Readings, SkinLayout, fill_places
-from skinbus.skin.feed import Positions, PushFeed
-from skinbus.skin.listener import ContactRow, Listener, Summary
+from skinbus.skin.feed import Feed, Positions
+from skinbus.skin.listener import ContactRow, Heard, Listener
 from skinbus.skin.opened import Channel, channel_words
 from skinbus.skin.robot_here import RobotHere
 from skinbus.skin.skin import Skin
-
-MOVE_S: Final = 0.1
-"""A contact moves when it went as far in this time as one that moves does: its TPDO does not say so. Over
-less, the rounding to 0.1 mm would pass for motion."""
 
 LOOK_NS: Final = 20_000_000
 """How often requests of the program are looked for."""
@@ -85,34 +78,24 @@ def listen(
     return Skin(_ListeningFeed(loaded, places, node_id, readings))
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
-    """A zero that the program asks of the master: an SDO write, and where its result goes."""
+class Request(NamedTuple):
+    """A transfer to the master on a bus, and what is set at its end."""
 
     bus: int
-    index: int
-    sub: int
-    result: Future[SdoResult]
+    client: SdoClient
+    done: Event
 
 
 class ListenCore(Core):
     """Receives a master and its patches; sends nothing but the zeros that a program asks for."""
 
-    def __init__(
-        self, arm: Arm, node_id: int, clock: Clock, feed: PushFeed, *, readings: bool = False
-    ) -> None:
-        self._arm = arm
+    def __init__(self, arm: Arm, node_id: int, clock: Clock, feed: Feed, *, readings: bool = False) -> None:
+        self._arm, self._node_id = arm, node_id
         self._clock = clock
         self._feed = feed
         self._listener = listener = Listener(node_id)
-        self._places: defaultdict[int, deque[tuple[int, float, float]]] = defaultdict(deque)
         self._seen_ns: dict[int, int] = {}
-        self._open: Summary | None = None
-        self._came: set[int] = set()
-        """Slots of the open cycle."""
-        self._live: set[int] = set()
-        """Slots that hold a contact."""
-        self._number = 0
+        self._number = self._n_read = 0
         self._fresh_ns = np.zeros(arm.n_patches, np.int64)
         self._heard_ns = np.zeros(arm.n_patches, np.int64)
         self._emcy = np.zeros(arm.n_patches, np.uint32)
@@ -138,8 +121,6 @@ class ListenCore(Core):
         ]
         self.requests: deque[Request] = deque()
         """What the program asks for."""
-        self._client = SdoClient(node_id)
-        self._asked: Request | None = None
 
     @property
     def n_buses(self) -> int:
@@ -179,47 +160,24 @@ class ListenCore(Core):
                 if frame.can_id < cia.HEARTBEAT_BASE and len(frame.data) >= 2:
                     self._emcy[p] = int.from_bytes(frame.data[:2], "little")
             elif frame.bus == 0:  # contacts are published on all buses alike
-                self._take(now_ns, frame)
+                for heard in self._listener.take(now_ns, frame):
+                    self._end_readings(now_ns)
+                    self._end_cycle(heard)
+                self._end_readings(now_ns)
         return Step(self._request(now_ns, frames), (), now_ns + LOOK_NS)
 
-    def _take(self, now_ns: int, frame: Frame) -> None:
-        """Take a frame of the master; a summary begins a cycle, its contacts follow."""
-        listener = self._listener
-        n_before = listener.n_summaries
-        listener.step(now_ns, (frame,))
-        if listener.n_summaries > n_before:
-            self._end_cycle()
-            self._open = listener.summary
-            if self.readings:
-                self._heard = self.readings.end_cycle(now_ns)
-        elif self._open is not None and (slot := listener.slot_of.get(frame.can_id)) is not None:
-            row = listener.row(slot)
-            if row is not None and row.t_ns == now_ns:
-                self._came.add(slot)
-        if self._open is not None and self._is_complete(self._open):
-            self._end_cycle()
+    def _end_readings(self, now_ns: int) -> None:
+        """Take the readings before a summary for those of its cycle."""
+        if self.readings and self._listener.n_summaries > self._n_read:
+            self._n_read = self._listener.n_summaries
+            self._heard = self.readings.end_cycle(now_ns)
 
-    def _rows(self, slots: set[int]) -> list[ContactRow]:
-        """Return what was last said of the contacts in slots."""
-        return [row for slot in sorted(slots) if (row := self._listener.row(slot))]
-
-    def _is_complete(self, summary: Summary) -> bool:
-        """Whether all contacts of the open cycle have come: those seen, and the end of those before it."""
-        n_seen = sum(row.state in (ContactState.TOUCH, ContactState.HELD) for row in self._rows(self._came))
-        return self._live <= self._came and n_seen == min(summary.n_contacts, profile.MAX_CONTACTS)
-
-    def _end_cycle(self) -> None:
-        """Hand the open cycle on; it is not complete where a frame was lost."""
-        summary, self._open = self._open, None
-        if summary is None:
-            return
+    def _end_cycle(self, heard: Heard) -> None:
+        """Hand a cycle on."""
         self._number += 1
-        # One whose frame was lost is there until a frame says otherwise.
-        rows, self._came = self._rows(self._live | self._came), set()
-        self._live = {row.slot for row in rows if row.state not in (ContactState.LIFT, ContactState.NONE)}
-        latency_ns = 1000 * summary.latency_us
-        sync_ns = summary.t_ns - latency_ns
-        contacts = self._records([row for row in rows if row.state is not ContactState.NONE], sync_ns)
+        summary = heard.summary
+        sync_ns = summary.t_ns - 1000 * summary.latency_us
+        contacts = self._records(heard.rows, sync_ns)
         placed = self.robot.place(sync_ns, contacts)
         cycle = Cycle(
             self._number,
@@ -227,7 +185,7 @@ class ListenCore(Core):
             summary.counter,
             summary.level,
             summary.flags,
-            1e-9 * latency_ns,
+            1e-6 * summary.latency_us,
             Context(self._feed.layout, self._clock.now_ns, lambda: placed),
             contacts,
             self._patches(summary.t_ns),
@@ -236,12 +194,22 @@ class ListenCore(Core):
         )
         self._feed.push(cycle)
 
+    def ask_zero(self, patch: int | None) -> Request:
+        """Ask the master for new zeros of a patch, or of all; from any thread."""
+        arm, name = self._arm, profile.COMMAND if patch is None else profile.PATCH_COMMAND
+        bus, sub = (0, 0) if patch is None else (int(arm.patch_bus[patch]), int(arm.node_id[patch]))
+        request = Request(bus, SdoClient(self._node_id), Event())
+        index = profile.index_of(load_eds("skin-master", self._node_id), name)[0]
+        request.client.start_write(index, sub, profile.ZERO.to_bytes(4, "little"))
+        self.requests.append(request)
+        if self.readings:
+            self.readings.zero(patch)
+        return request
+
     def _records(self, rows: Sequence[ContactRow], sync_ns: int) -> Records:
         records = np.zeros(len(rows), CONTACT)
         for record, row in zip(records, rows, strict=True):
             state = TrackState(row.state)
-            if state is TrackState.HELD and self._moves(row):
-                state = TrackState.MOVE
             if state not in (TrackState.COAST, TrackState.LIFT):
                 self._seen_ns[row.slot] = sync_ns
             for name in ("id", "link", "s", "a", "force"):
@@ -250,20 +218,6 @@ class ListenCore(Core):
             record["level"] = UNKNOWN_LEVEL
         fill_places(records, self._arm)
         return records
-
-    def _moves(self, row: ContactRow) -> bool:
-        """Whether a contact has gone so far of late as one that moves."""
-        places = self._places[row.slot]
-        if row.state is ContactState.TOUCH:
-            places.clear()
-        places.append((row.t_ns, row.s, row.a))
-        while places[-1][0] - places[0][0] > MOVE_S * 1e9:
-            places.popleft()
-        if row.link >= len(self._arm.links):
-            return False
-        _, s, a = places[0]
-        surface = self._arm.links[row.link].surface
-        return float(surface.distance(s, a, row.s, row.a)) > SPEED_MOVE * MOVE_S
 
     def _patches(self, now_ns: int) -> Records:
         """Return the states of patches by what was received from them."""
@@ -279,17 +233,14 @@ class ListenCore(Core):
 
     def _request(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
         """Return what goes on of the transfers that the program asked for, one at a time."""
-        if self._asked is None and self.requests:
-            self._asked = self.requests.popleft()
-            self._client.start_write(self._asked.index, self._asked.sub, profile.ZERO.to_bytes(4, "little"))
-        asked = self._asked
-        if asked is None:
+        if not self.requests:
             return []
-        out = self._client.step(now_ns, [frame for frame in frames if frame.bus == asked.bus])
-        if self._client.result is not None:
-            asked.result.set_result(self._client.result)
-            self._asked = None
-        return [frame._replace(bus=asked.bus) for frame in out]
+        bus, client, done = self.requests[0]
+        out = client.step(now_ns, [frame for frame in frames if frame.bus == bus])
+        if client.result is not None:
+            self.requests.popleft()
+            done.set()
+        return [frame._replace(bus=bus) for frame in out]
 
 
 class ListenedReadings:
@@ -330,31 +281,22 @@ class ListenedReadings:
         self._wanted.append(patch)
 
 
-class _ListeningFeed(PushFeed):
+class _ListeningFeed(Feed):
     """The cycles that a thread receives from the bus."""
 
     def __init__(self, arm: Arm, places: Sequence[BusAddress], node_id: int, readings: bool) -> None:
         super().__init__(SkinLayout.of(arm), f"listening on {shown(places)}")
-        self._arm = arm
         self._clock = MonotonicClock()
-        self._od = load_eds("skin-master", node_id)
         self._core = ListenCore(arm, node_id, self._clock, self, readings=readings)
         self._thread = CoreThread(self._core, *(place.open for place in places), on_end=self.end)
         self._thread.start()
 
     def zero(self, patch: int | None) -> None:
         """Have the master take new zeros; SdoAborted when it refuses."""
-        arm, result = self._arm, Future[SdoResult]()
-        bus, number, name = 0, 0, profile.COMMAND
-        if patch is not None:
-            bus, number, name = int(arm.patch_bus[patch]), int(arm.node_id[patch]), profile.PATCH_COMMAND
-        self._core.requests.append(Request(bus, profile.index_of(self._od, name)[0], number, result))
-        try:
-            result.result(ZERO_S).unwrap()
-        except TimeoutError:
-            raise BusError("the master has not answered") from None
-        if self._core.readings:
-            self._core.readings.zero(patch)
+        request = self._core.ask_zero(patch)
+        if not request.done.wait(ZERO_S) or request.client.result is None:
+            raise BusError("the master has not answered")
+        request.client.result.unwrap()
 
     def set_joints(self, positions: Positions, t_ns: int | None) -> None:
         """Take joint positions of the program."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator
 from struct import Struct
 from typing import Final, NamedTuple
 
-from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.master.level_control import CycleFlags, split_flags
-from skinbus.model import Arm, Surface
+from skinbus.model import Arm
 from skinbus.objects import cia, profile
 from skinbus.objects.contacts import FORCE_STEP, LENGTH_STEP, ContactState
 from skinbus.objects.published import usual
@@ -19,9 +19,6 @@ LIFT_SHOWN_NS = 500_000_000
 
 STALE_NS = 1_000_000_000
 """A master that has said nothing for so long is gone, and what it said is no longer shown."""
-
-BEYOND_M = 0.05
-"""A contact further than a board beyond the ends of a link is not on it."""
 
 _PAYLOAD: Final = Struct("<BBhhH")
 """A contact: id, link and state, s, a, force."""
@@ -54,57 +51,62 @@ class Summary(NamedTuple):
     t_ns: int
 
 
+class Heard(NamedTuple):
+    """A cycle of a master."""
+
+    summary: Summary
+    rows: list[ContactRow]
+    """By slot; those that have gone are there once, with state LIFT."""
+
+
 def why_not_of(arm: Arm, summary: Summary | None, rows: Iterable[ContactRow]) -> str | None:
     """Return why what a master says cannot be of an arm; None where it may be."""
     if summary is not None and summary.alive > arm.n_patches:
         return f"{summary.alive} patches are at work, {arm.name} has {arm.n_patches}"
-    for row in rows:
-        if row.link >= len(arm.links):
-            return f"a contact is on link {row.link}, {arm.name} has {len(arm.links)}"
-        link = arm.links[row.link]
-        surface, a = link.surface, abs(float(link.surface.wrap(row.a)))
-        is_along = -BEYOND_M <= row.s <= surface.length + BEYOND_M
-        is_on = is_along and a <= 0.5 * surface.width + BEYOND_M
-        if type(surface) is Surface and not is_on:  # the chart of a mesh begins anywhere
-            where = f"s {1e3 * row.s:.0f} mm, a {1e3 * row.a:.0f} mm"
-            return f"a contact is at {where}, which link {link.name} does not have"
+    if link := next((row.link for row in rows if row.link >= len(arm.links)), 0):
+        return f"a contact is on link {link}, {arm.name} has {len(arm.links)}"
     return None
 
 
-class Listener(Core):
-    """A core that only listens; ``rows`` and ``summary`` hold what the master said last."""
-
-    cob_ids: frozenset[int] = frozenset()
+class Listener:
+    """Gathers the cycles of a master; ``rows`` and ``summary`` hold what it said last."""
 
     def __init__(self, node_id: int = profile.MASTER_NODE_ID) -> None:
         objects = usual(node_id)
-        self.slot_of = {cob_id: slot for slot, cob_id in enumerate(objects.contact_ids)}
-        """Slot of the contact that a TPDO carries, by identifier."""
-        self.summary_id = objects.summary.cob_id
-        """Identifier of the summary TPDO."""
+        self._slot_of = {cob_id: slot for slot, cob_id in enumerate(objects.contact_ids)}
+        self._summary_id = objects.summary.cob_id
         self._heartbeat_id = cia.HEARTBEAT_BASE + node_id
-        self.cob_ids = frozenset(self.slot_of) | {self.summary_id, self._heartbeat_id}
+        self.cob_ids = frozenset(self._slot_of) | {self._summary_id, self._heartbeat_id}
+        """Identifiers that it takes."""
         self._rows: dict[int, ContactRow] = {}
+        self._open: Summary | None = None
+        self._came: dict[int, ContactRow] = {}
+        """Contacts of the open cycle, and ..."""
+        self._there: dict[int, ContactRow] = {}
+        """... those that were there in the cycle before, by slot."""
         self.summary: Summary | None = None
         self.n_summaries = 0
         self.last_heard_ns = -NEVER
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
-        """Take frames; nothing is ever sent."""
-        for frame in frames:
-            slot = self.slot_of.get(frame.can_id)
-            if slot is not None and len(frame.data) == _PAYLOAD.size:
-                self._take_contact(now_ns, slot, frame.data)
-            elif frame.can_id == self.summary_id and len(frame.data) == 8:
-                self._take_summary(now_ns, frame.data)
-            elif frame.can_id != self._heartbeat_id:
-                continue
-            self.last_heard_ns = now_ns
-        return Step((), (), NEVER)
+    def take(self, now_ns: int, frame: Frame) -> Iterator[Heard]:
+        """Take a frame; return the cycles that it ends.
 
-    def row(self, slot: int) -> ContactRow | None:
-        """Return what was last said of the contact in a slot."""
-        return self._rows.get(slot)
+        A summary begins a cycle and its contacts follow: those seen, and the end of those before it. Where a
+        frame was lost the cycle ends with the next summary, and a contact is as it was.
+        """
+        slot = self._slot_of.get(frame.can_id)
+        if slot is not None and len(frame.data) == _PAYLOAD.size:
+            self._take_contact(now_ns, slot, frame.data)
+        elif frame.can_id == self._summary_id and len(frame.data) == 8:
+            if self._open:
+                yield self._end_cycle(self._open)
+            self.summary = self._open = _summary(now_ns, frame.data)
+            self.n_summaries += 1
+        elif frame.can_id != self._heartbeat_id:
+            return
+        self.last_heard_ns = now_ns
+        if self._open and self._is_complete(self._open):
+            yield self._end_cycle(self._open)
 
     def rows(self, now_ns: int) -> list[ContactRow]:
         """Return the contacts shown now, by slot; none when the master has fallen silent."""
@@ -116,17 +118,29 @@ class Listener(Core):
             if now_ns - row.t_ns < (LIFT_SHOWN_NS if row.state is ContactState.LIFT else STALE_NS)
         ]
 
+    def _is_complete(self, summary: Summary) -> bool:
+        n_seen = sum(row.state in (ContactState.TOUCH, ContactState.HELD) for row in self._came.values())
+        is_all = n_seen == min(summary.n_contacts, profile.MAX_CONTACTS)
+        return is_all and self._there.keys() <= self._came.keys()
+
+    def _end_cycle(self, summary: Summary) -> Heard:
+        rows = [row for _, row in sorted((self._there | self._came).items())]
+        self._open, self._came = None, {}
+        self._there = {
+            row.slot: row for row in rows if row.state not in (ContactState.LIFT, ContactState.NONE)
+        }
+        return Heard(summary, [row for row in rows if row.state is not ContactState.NONE])
+
     def _take_contact(self, now_ns: int, slot: int, data: bytes) -> None:
         id, link_state, s, a, force = _PAYLOAD.unpack(data)
         if link_state >> 4 <= max(ContactState):  # states of another profile are left out
             state, place = ContactState(link_state >> 4), (s * LENGTH_STEP, a * LENGTH_STEP)
-            self._rows[slot] = ContactRow(
-                slot, id, link_state & 0xF, state, *place, force * FORCE_STEP, now_ns
-            )
+            row = ContactRow(slot, id, link_state & 0xF, state, *place, force * FORCE_STEP, now_ns)
+            self._rows[slot] = row
+            if self._open:
+                self._came[slot] = row
 
-    def _take_summary(self, now_ns: int, data: bytes) -> None:
-        compute_us, latency = int.from_bytes(data[4:6], "little"), int.from_bytes(data[6:8], "little")
-        self.summary = Summary(
-            data[0], data[1], data[2], *split_flags(data[3]), compute_us, 10 * latency, now_ns
-        )
-        self.n_summaries += 1
+
+def _summary(now_ns: int, data: bytes) -> Summary:
+    compute_us, latency = int.from_bytes(data[4:6], "little"), int.from_bytes(data[6:8], "little")
+    return Summary(data[0], data[1], data[2], *split_flags(data[3]), compute_us, 10 * latency, now_ns)

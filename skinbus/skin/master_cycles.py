@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
@@ -13,7 +13,7 @@ from skinbus.master import CycleReport, Master
 from skinbus.model import Arm
 from skinbus.skin.contact import CONTACT, UNKNOWN_LEVEL, Context, Placed, Records
 from skinbus.skin.cycle import PATCH, Cycle, Readings, SkinLayout, fill_places
-from skinbus.skin.feed import PacedFeed, PullFeed
+from skinbus.skin.feed import MadeFeed, PacedFeed
 from skinbus.skin.skin import Skin
 
 
@@ -75,11 +75,11 @@ def _records(report: CycleReport, before: Records) -> Records:
     return records
 
 
-def played(feed: PullFeed, maker: CycleMaker, *, realtime: bool) -> Skin:
+def played(what: str, cycles: Iterator[Cycle], maker: CycleMaker, master: Master, *, realtime: bool) -> Skin:
     """Return the skin of a source of its own time, which in real time goes on with the machine's clock."""
     if not realtime:
-        return Skin(feed)
-    paced = PacedFeed(feed)
+        return Skin(MadeFeed(maker.layout, what, cycles, master))
+    paced = PacedFeed(maker.layout, what, cycles, master)
     maker.now_ns = paced.now_ns
     paced.start()
     return Skin(paced)

@@ -24,7 +24,7 @@ from skinbus.model import Arm
 from skinbus.skin.addresses import BusAddress, find_places, shown
 from skinbus.skin.compile_ahead import BASE, Raising, compile_missing, first_level
 from skinbus.skin.contact import Level
-from skinbus.skin.feed import Positions, PushFeed, offer, set_zero
+from skinbus.skin.feed import Feed, Positions, offer, set_zero
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.shared_memory import SharedWriter
 from skinbus.skin.skin import Skin
@@ -104,7 +104,7 @@ def compile_kernels(parts: Sequence[str]) -> None:
     compile_missing(parts, say)
 
 
-class _MasterFeed(PushFeed):
+class _MasterFeed(Feed):
     """The cycles of a master that runs in a thread of its own."""
 
     def __init__(

@@ -8,6 +8,8 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import Final, TextIO
 
+import numpy as np
+
 from skinbus.can.candump import CandumpReader
 from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm, ods_of
@@ -17,12 +19,11 @@ from skinbus.master import CycleReport
 from skinbus.master.replay import Replay, find_sync
 from skinbus.model import Arm
 from skinbus.objects.readings import ReadingsPlan
-from skinbus.skin.addresses import channels_by_name
+from skinbus.skin.addresses import channels_by_name, how_to_say
 from skinbus.skin.bus_meter import BusMeter
 from skinbus.skin.compile_ahead import parts_of
 from skinbus.skin.contact import Level
 from skinbus.skin.cycle import Cycle
-from skinbus.skin.feed import PullFeed
 from skinbus.skin.master_cycles import CycleMaker, played
 from skinbus.skin.opened import Channel, channel_words, check_level, compile_kernels
 from skinbus.skin.skin import Skin
@@ -31,7 +32,7 @@ HEAD: Final = 20_000
 """Frames, some seconds of a full bus, from which interfaces and rate are found before the work begins."""
 
 MOST_BACK: Final = 0.1
-"""Share of frames that may have an earlier time than the one before on their interface."""
+"""Share of frames that may have an earlier time than the one before: several interfaces are read in turns."""
 
 SAME_RATE: Final = 0.05
 """A recording whose rate is this near to that of the arm file has that rate."""
@@ -68,53 +69,31 @@ def replay(
     """
     check_level(level)
     loaded = arm if isinstance(arm, Arm) else load_arm(arm, check_load=False)
-    recording = Recording(log, loaded, channel_words(channel))
-    maker = CycleMaker(recording.arm)
-    made = Played(recording, maker, level, zero)
-    feed = PullFeed(maker.layout, f"recording {log}", made.next_cycle, made.replay.master)
-    return played(feed, maker, realtime=realtime)
+    recording, new = Recording(log, loaded, channel_words(channel)), deque[Cycle]()
+    maker, meter = CycleMaker(recording.arm), BusMeter(recording.arm.buses)
+    compile_kernels(parts_of(level))
 
+    def on_cycle(report: CycleReport) -> None:
+        cycle = maker.make(again.master, report)
+        cycle.bus_loads = meter.loads(cycle.ended_ns)
+        new.append(cycle)
 
-class Played:
-    """Frames of a recording, handed on until the next cycle has ended."""
+    def cycles() -> Iterator[Cycle]:
+        for frame in recording:
+            meter.take(frame)
+            again.take(frame)
+            while new:
+                yield new.popleft()
+        again.end()
+        if not again.taken.n_readings:
+            wanted = f"readings of {recording.arm.name}: it has none"
+            raise ConfigError(recording.reader.name, [Fault("log", None, wanted)])
+        yield from new
 
-    def __init__(self, recording: Recording, maker: CycleMaker, level: str, zero: bool) -> None:
-        self._recording = recording
-        self._frames = iter(recording)
-        self._maker = maker
-        self._meter = BusMeter(recording.arm.buses)
-        self._new: deque[Cycle] = deque()
-        self._has_ended = False
-        compile_kernels(parts_of(level))
-        self.replay = Replay(
-            recording.arm,
-            sync_bus=recording.sync.bus,
-            on_cycle=self._on_cycle,
-            level=level,
-            zero_at_start=zero,
-        )
-
-    def next_cycle(self) -> Cycle | None:
-        """Return the next cycle, None at the end of the recording."""
-        while not self._new:
-            if self._has_ended:
-                return None
-            frame = next(self._frames, None)
-            if frame is not None:
-                self._meter.take(frame)
-                self.replay.take(frame)
-                continue
-            self._has_ended = True
-            self.replay.end()
-            if not self.replay.taken.n_readings:
-                wanted = f"readings of {self._recording.arm.name}: it has none"
-                raise ConfigError(self._recording.reader.name, [Fault("log", None, wanted)])
-        return self._new.popleft()
-
-    def _on_cycle(self, report: CycleReport) -> None:
-        cycle = self._maker.make(self.replay.master, report)
-        cycle.bus_loads = self._meter.loads(cycle.ended_ns)
-        self._new.append(cycle)
+    again = Replay(
+        recording.arm, sync_bus=recording.sync.bus, on_cycle=on_cycle, level=level, zero_at_start=zero
+    )
+    return played(f"recording {log}", cycles(), maker, again.master, realtime=realtime)
 
 
 class Recording:
@@ -156,12 +135,7 @@ class Recording:
 
 def _check_times(name: str, head: Sequence[tuple[Frame, str]]) -> None:
     """Raise ConfigError when the times of a log are none: candump -td shows pauses in their place."""
-    # Several interfaces are read in turns: only what came on one of them is in order.
-    last_ns: dict[str, int] = {}
-    n_back = 0
-    for frame, channel in head:
-        n_back += frame.t_ns < last_ns.get(channel, frame.t_ns)
-        last_ns[channel] = frame.t_ns
+    n_back = int((np.diff([frame.t_ns for frame, _ in head]) < 0).sum())
     if n_back > MOST_BACK * len(head):
         seen = f"{n_back} of {len(head)} go back"
         raise ConfigError(name, [Fault("times", seen, "times of frames, as of candump -l, -ta or -tz")])
@@ -174,16 +148,14 @@ def _buses_of(arm: Arm, channels: Sequence[str], seen: Mapping[str, int], log: s
     names: list[str] = []
     faults: list[str] = []
     for settings, name in zip(arm.buses, said, strict=True):
-        if name is None and settings.channel in seen:
-            name = settings.channel
-        if name is None and len(arm.buses) == len(seen) == 1:
-            (name,) = seen
+        if settings.channel in seen:
+            name = name or settings.channel
+        if len(arm.buses) == len(seen) == 1:
+            name = name or next(iter(seen))
         if name is None and len(arm.buses) == 1:
             faults.append("say by --channel (channel=... in Python) which of them is meant")
         elif name is None:
-            python = f'channel={{"{settings.name}": ...}} in Python'
-            said_by = f"--channel {settings.name}=... ({python})"
-            faults.append(f"say by {said_by} which of them bus {settings.name} is")
+            faults.append(f"say by {how_to_say(settings)} which of them bus {settings.name} is")
         elif name in names:
             faults.append(f"bus {settings.name} is on {name}, as another bus is")
         else:

@@ -1,13 +1,11 @@
 """Cycles in POSIX shared memory: one process writes, others read without waiting for it.
 
-Layout, version 2; little-endian, aligned by their size; see ``docs/shared-memory.md``::
+Layout, version 3; little-endian, aligned by their size; see ``docs/shared-memory.md``::
 
-    header   HEADER                     what does not change, and the number of the newest cycle
-    names    32 bytes each              UTF-8, padded with zeros: the links, then the buses
-    patches  MEMBER each                node-ID, bus, link
-    slots    SLOTS times                cycle n is in slot n % SLOTS
-        CYCLE, PATCH each, pressures (n_tactels,) f32, valid (n_tactels,) u8, faults (n_tactels,) u8,
-        padding to 8, budget (us) f64, CONTACT each
+    header   HEADER             what does not change, and the number of the newest cycle
+    names    NAME each          UTF-8, padded with zeros: the links, then the buses
+    patches  four u32 each      node-ID, bus, link, number of tactels
+    slots    slot_dtype each    cycle n is in slot n % SLOTS
 
 A slot is under a sequence lock: ``sequence`` is 2n - 1 while cycle n is written and 2n when it is whole. The
 writer goes round all slots, so a reader has SLOTS - 1 cycles to copy one and is never held up; what it has
@@ -18,7 +16,7 @@ The writer holds a lock of its open file on the object: the kernel releases it w
 it ends. ``state`` shows that it was stopped; the age of the newest cycle shows that it hangs.
 
 Memory order: the stores of the sequence, of the data and of ``newest`` must be seen in their order. On x86
-they are; elsewhere a full barrier stands between them: a lock released and taken again.
+they are anyway; elsewhere a barrier stands between them: a lock released and taken again.
 """
 
 from __future__ import annotations
@@ -28,17 +26,17 @@ import grp
 import math
 import mmap
 import os
-import platform
 import pwd
 import re
 import stat
 import struct
 import threading
-from contextlib import closing, suppress
+from contextlib import suppress
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from skinbus.errors import ArgumentError, ShareError
 from skinbus.estimate import LEVELS
@@ -53,34 +51,31 @@ GROUP: Final = "skinbus"
 """Its members trust each other: the service writes, controllers of other users read."""
 MAX_BYTES: Final = 16 << 20
 """More than twice the object of 1008 patches of 64 tactels."""
-MAGIC: Final = int.from_bytes(b"SKINBUS1", "little")
-VERSION: Final = 2
+MAGIC: Final = b"SKINBUS1"
+VERSION: Final = 3
 SLOTS: Final = 16
 """A reader that is held up for less than 15 cycles, 0.3 s at 50 Hz, needs one try."""
 TRIES: Final = 1000
 """Of a reader that finds no whole cycle, before it says so: a writer of ours needs one or two."""
 MAX_CONTACTS: Final = 64
 """As many as the tracker keeps."""
-NAME_BYTES: Final = 32
 RUNNING, STOPPED = 1, 2
 
-HEADER: Final = struct.Struct("<QIIQQ8I64s3Q")
-"""152 bytes at the begin: magic, version, state, newest, period_ns, n_slots, slot_bytes, first_slot,
-contacts_offset, n_links, n_buses, n_patches, n_tactels, name of the arm, three digests."""
-MEMBER_BYTES: Final = 16
-"""Of a patch: u32 node-ID, bus, link, number of tactels."""
-HEAD: Final = struct.Struct("<QQqqIIII")
-"""48 bytes at the begin of a slot: sequence, number, t_ns, latency_ns, counter, level, flags, n_contacts."""
-BUDGET: Final = struct.Struct("<d")
-"""Before the contacts of a slot: most time of the estimator, us; NaN where it is not known."""
+_COUNTS: Final = ("n_links", "n_buses", "n_patches", "n_tactels")
+HEADER: Final = np.dtype(
+    [
+        ("magic", "S8"),
+        ("version", "<u4"),
+        ("state", "<u4"),
+        ("newest", "<u8"),
+        ("period_ns", "<u8"),
+        *((name, "<u4") for name in ("n_slots", "slot_bytes", "first_slot", "contacts_offset", *_COUNTS)),
+        ("name", "S64"),
+        ("geometry", "<u8"),
+    ]
+)
+NAME: Final = np.dtype("S32")
 
-NEWEST: Final = 2
-STATE_WORD: Final = 3
-N_CONTACTS_WORD: Final = 11
-"""Places: ``newest`` of the header in words of 8 bytes, ``state`` and, in a slot, ``n_contacts`` of 4."""
-
-IS_ORDERED: Final = platform.machine() == "x86_64"
-"""Whether loads and stores keep their order without a barrier."""
 _FLOCK: Final = "hhqqi4x"
 """struct flock on 64-bit Linux."""
 
@@ -94,80 +89,74 @@ def path_of(name: str) -> Path:
     return FOLDER / f"skinbus-{name}"
 
 
-def is_written(name: str) -> bool:
-    """Whether a process writes under a name now; ShareError for what is no memory of this version."""
-    try:
-        with closing(SharedReader(name)) as reader:
-            return reader.is_alive and not reader.is_stopped
-    except ShareError as error:
-        if not isinstance(error.__cause__, FileNotFoundError):
-            raise
-    return False
+def slot_dtype(n_patches: int, n_tactels: int) -> np.dtype[np.void]:
+    """Return what a slot of an arm holds; ValueError for numbers that cannot be."""
+    head = [("sequence", "<u8"), ("number", "<u8"), ("t_ns", "<i8"), ("latency_ns", "<i8")]
+    head += [(name, "<u4") for name in ("counter", "level", "flags", "n_contacts")]
+    return np.dtype(
+        [
+            *head,
+            ("patches", PATCH, (n_patches,)),
+            ("pressures", "<f4", (n_tactels,)),
+            ("valid", np.bool_, (n_tactels,)),
+            ("faults", np.uint8, (n_tactels,)),
+            ("padding", np.uint8, (-6 * n_tactels % 8,)),
+            ("budget_us", "<f8"),
+            ("contacts", CONTACT, (MAX_CONTACTS,)),
+        ]
+    )
 
 
-class Offsets:
-    """Where things are in a slot of an arm."""
+def _places(
+    n_links: int, n_buses: int, n_patches: int, n_tactels: int
+) -> tuple[np.dtype[np.void], int, int, dict[str, Any]]:
+    """Return a slot, where patches and slots begin, and what a header has for these counts."""
+    slot = slot_dtype(n_patches, n_tactels)
+    members_at = HEADER.itemsize + NAME.itemsize * (n_links + n_buses)
+    first = members_at + 16 * n_patches
+    fixed = {"magic": MAGIC, "version": VERSION, "n_slots": SLOTS, "slot_bytes": slot.itemsize}
+    contacts = slot.itemsize - MAX_CONTACTS * CONTACT.itemsize
+    return slot, members_at, first, fixed | {"first_slot": first, "contacts_offset": contacts}
 
-    def __init__(self, n_patches: int, n_tactels: int) -> None:
-        self.patches = HEAD.size
-        self.pressures = self.patches + n_patches * PATCH.itemsize
-        self.valid = self.pressures + 4 * n_tactels
-        self.faults = self.valid + n_tactels
-        self.budget = _aligned(self.faults + n_tactels)
-        self.contacts = self.budget + 8
-        self.slot_bytes = self.contacts + MAX_CONTACTS * CONTACT.itemsize
+
+def fill(slot: np.void, cycle: Cycle, number: int) -> None:
+    """Write a cycle to a slot, but for its sequence."""
+    records, readings = cycle.records[:MAX_CONTACTS], cycle.readings
+    slot["number"], slot["t_ns"], slot["latency_ns"] = number, cycle.t_ns, round(1e9 * cycle.latency_s)
+    slot["level"] = LEVELS.index(cycle.level) if cycle.level else UNKNOWN_LEVEL
+    slot["counter"], slot["flags"], slot["n_contacts"] = cycle.counter, int(cycle.flags), len(records)
+    slot["patches"], slot["contacts"][: len(records)] = cycle.patch_records, records
+    for name in ("pressures", "valid", "faults"):
+        slot[name] = getattr(readings, name)
+    slot["budget_us"] = math.nan if cycle.budget_us is None else cycle.budget_us
 
 
 def barrier() -> None:
     """Let no load or store pass, either way: a lock that is released and taken again does that."""
-    if IS_ORDERED:
-        return
     lock = threading.Lock()
-    lock.acquire()
-    lock.release()
-    lock.acquire()
-
-
-def pack_cycle(cycle: Cycle, number: int, offsets: Offsets) -> bytes:
-    """Return a cycle as the bytes of a slot, as far as it has contacts."""
-    records, readings = cycle.records[:MAX_CONTACTS], cycle.readings
-    level = LEVELS.index(cycle.level) if cycle.level else UNKNOWN_LEVEL
-    latency_ns, flags = round(1e9 * cycle.latency_s), int(cycle.flags)
-    parts = (
-        HEAD.pack(2 * number, number, cycle.t_ns, latency_ns, cycle.counter, level, flags, len(records)),
-        cycle.patch_records.tobytes(),
-        readings.pressures.astype("<f4").tobytes(),
-        readings.valid.tobytes(),
-        readings.faults.tobytes(),
-    )
-    budget_us = math.nan if cycle.budget_us is None else cycle.budget_us
-    return b"".join(parts).ljust(offsets.budget, b"\0") + BUDGET.pack(budget_us) + records.tobytes()
+    for _ in range(2):
+        with lock:
+            pass
 
 
 class _Mapped:
-    """An object that is mapped: its bytes, words of 8 and of 4 bytes."""
+    """An object that is mapped."""
 
-    def __init__(self, file: int, protection: int) -> None:
-        self._file = -1
-        try:
-            self._map = mmap.mmap(file, 0, mmap.MAP_SHARED | mmap.MAP_POPULATE, protection)
-        except BaseException:
-            os.close(file)
-            raise
+    _file = -1
+    _header: Any
+    _slots: Any
+
+    def _map(self, file: int, protection: int) -> Any:
+        """Map it, and return its bytes."""
         self._file = file
-        self._bytes = memoryview(self._map)
-        whole = self._bytes[: len(self._bytes) // 8 * 8]
-        self._words, self._halves = whole.cast("Q"), whole.cast("I")
+        return np.frombuffer(mmap.mmap(file, 0, mmap.MAP_SHARED | mmap.MAP_POPULATE, protection), np.uint8)
 
     def close(self) -> None:
         """Let go of it; a second call does nothing."""
-        if self._file < 0:
-            return
-        for view in (self._words, self._halves, self._bytes):
-            view.release()
-        self._map.close()
-        os.close(self._file)
-        self._file = -1
+        if self._file >= 0:
+            self._header = self._slots = None
+            os.close(self._file)
+            self._file = -1
 
 
 class SharedWriter(_Mapped):
@@ -182,40 +171,40 @@ class SharedWriter(_Mapped):
                 cannot be made.
         """
         self._path = path_of(name)
-        self._offsets = offsets = Offsets(len(layout.node_id), layout.n_tactels)
-        columns = (layout.node_id, layout.patch_bus, layout.patch_link, layout.patch_tactels)
-        members = np.stack(columns, -1).astype("<u4").tobytes()
-        names = b"".join(_fixed(text) for text in (*layout.links, *layout.buses))
-        self._first_slot = _aligned(HEADER.size + len(names) + len(members))
         counts = (len(layout.links), len(layout.buses), len(layout.node_id), layout.n_tactels)
-        places = (SLOTS, offsets.slot_bytes, self._first_slot, offsets.contacts)
-        name_bytes = layout.name.encode()[:63]
-        header = HEADER.pack(
-            MAGIC, VERSION, RUNNING, 0, layout.period_ns, *places, *counts, name_bytes, *layout.geometry
+        slot, _, first, fixed = _places(*counts)
+        header = np.zeros(1, HEADER)
+        said = {"state": RUNNING, "period_ns": layout.period_ns, "name": layout.name.encode()[:63]}
+        said |= {"geometry": layout.geometry, **dict(zip(_COUNTS, counts, strict=True))}
+        for key, value in (fixed | said).items():
+            header[key] = value
+        names = np.array(
+            [text.encode()[: NAME.itemsize - 1] for text in (*layout.links, *layout.buses)], NAME
         )
-        begin = header + names + members
-        file = _create(self._path, begin, self._first_slot + SLOTS * offsets.slot_bytes)
-        super().__init__(file, mmap.PROT_READ | mmap.PROT_WRITE)
+        columns = (layout.node_id, layout.patch_bus, layout.patch_link, layout.patch_tactels)
+        begin = header.tobytes() + names.tobytes() + np.stack(columns, -1).astype("<u4").tobytes()
+        file = _create(self._path, begin, first + SLOTS * slot.itemsize)
+        memory = self._map(file, mmap.PROT_READ | mmap.PROT_WRITE)
+        self._header = memory[: HEADER.itemsize].view(HEADER)
+        self._slots = memory[first:].view(slot)
         self._number = 0
 
     def write(self, cycle: Cycle) -> None:
         """Write a cycle; readers see it whole or not at all."""
-        self._number += 1
-        n, offsets = self._number, self._offsets
-        data = pack_cycle(cycle, n, offsets)[8:]
-        start = self._first_slot + n % SLOTS * offsets.slot_bytes
-        self._words[start // 8] = 2 * n - 1
+        self._number = n = self._number + 1
+        slot = self._slots[n % SLOTS]
+        slot["sequence"] = 2 * n - 1
         barrier()
-        self._bytes[start + 8 : start + 8 + len(data)] = data
+        fill(slot, cycle, n)
         barrier()
-        self._words[start // 8] = 2 * n
+        slot["sequence"] = 2 * n
         barrier()
-        self._words[NEWEST] = n
+        self._header["newest"] = n
 
     def close(self) -> None:
         """Say that it is over and remove the name; readers keep what they have."""
         if self._file >= 0:
-            self._halves[STATE_WORD] = STOPPED
+            self._header["state"] = STOPPED
             with suppress(FileNotFoundError):
                 if self._path.stat().st_ino == os.fstat(self._file).st_ino:
                     self._path.unlink()
@@ -238,8 +227,7 @@ class SharedReader(_Mapped):
         except FileNotFoundError as error:
             raise ShareError(f"no shared memory {name!r}: does `skinbus run --share {name}` run?") from error
         try:
-            super().__init__(file, mmap.PROT_READ)
-            self.layout, self.offsets = self._read_layout()
+            self.layout = self._read_layout(self._map(file, mmap.PROT_READ))
         except ValueError as error:
             self.close()
             raise ShareError(f"shared memory {name!r} is not of this version of skinbus") from error
@@ -247,33 +235,32 @@ class SharedReader(_Mapped):
     @property
     def newest(self) -> int:
         """Number of the newest cycle; 0 when there is none yet."""
-        return self._words[NEWEST]
+        return int(self._header["newest"][0])
 
     @property
     def is_stopped(self) -> bool:
         """Whether the writer was stopped."""
-        return self._halves[STATE_WORD] != RUNNING
+        return bool(self._header["state"][0] != RUNNING)
 
     @property
     def is_alive(self) -> bool:
         """Whether the process that writes is there: whether its lock is held."""
         return is_locked(self._file)
 
-    def read(self, number: int) -> bytes | None:
+    def read(self, number: int) -> np.void | None:
         """Return a copy of the slot of a cycle; None when it is there no more. It is whole."""
-        start = self._first_slot + number % SLOTS * self.offsets.slot_bytes
-        if self._words[start // 8] != 2 * number:
+        slot = self._slots[number % SLOTS]
+        if slot["sequence"] != 2 * number:
             return None
         barrier()
-        n_contacts = min(self._halves[start // 4 + N_CONTACTS_WORD], MAX_CONTACTS)
-        copy = self._map[start : start + self.offsets.contacts + n_contacts * CONTACT.itemsize]
+        copy: np.void = slot.copy()
         barrier()
-        return copy if self._words[start // 8] == 2 * number else None
+        return copy if slot["sequence"] == 2 * number else None
 
-    def read_from(self, number: int, margin: int = 0) -> tuple[int, bytes]:
-        """Return the number and a copy of the cycle with a number, or of the oldest that is there after it.
+    def read_from(self, number: int, margin: int = 0) -> np.void | None:
+        """Return a copy of the cycle with a number, or of the oldest that is there after it.
 
-        ``margin``: slots that are not counted on. The number is 0 where there is none yet.
+        ``margin``: slots that are not counted on. None where there is none yet.
 
         Raises:
             ShareError: none is whole, however often that is tried: no writer of ours wrote this.
@@ -281,43 +268,39 @@ class SharedReader(_Mapped):
         for _ in range(TRIES):
             newest = self.newest
             if newest < max(number, 1):
-                return 0, b""
+                return None
             oldest = max(number, newest - SLOTS + 1 + margin, 1)
             if (data := self.read(oldest)) is not None:
-                return oldest, data
+                return data
         raise ShareError(f"shared memory {self._name!r} holds no whole cycle")
 
-    def _read_layout(self) -> tuple[SkinLayout, Offsets]:
+    def _read_layout(self, memory: npt.NDArray[np.uint8]) -> SkinLayout:
         """Return what does not change; ValueError when it is not of this version, or its sizes do not fit."""
-        header = HEADER.unpack(self._map[: HEADER.size].ljust(HEADER.size))
-        n_links, n_buses, n_patches, n_tactels, name, *geometry = header[9:]
-        offsets, names_at = Offsets(n_patches, n_tactels), HEADER.size
-        members_at = names_at + NAME_BYTES * (n_links + n_buses)
-        self._first_slot = first_slot = _aligned(members_at + n_patches * MEMBER_BYTES)
-        wanted = (MAGIC, VERSION, SLOTS, offsets.slot_bytes, first_slot, offsets.contacts)
-        if header[:2] + header[5:9] != wanted or len(self._map) < first_slot + SLOTS * offsets.slot_bytes:
+        self._header = memory[: HEADER.itemsize].view(HEADER)
+        header = self._header[0].copy()  # what is checked is what is used
+        n_links, n_buses, n_patches, n_tactels = counts = [int(header[name]) for name in _COUNTS]
+        slot, members_at, first, fixed = _places(*counts)
+        is_ours = all(header[key] == value for key, value in fixed.items()) and header["period_ns"]
+        if not is_ours or len(memory) < first + SLOTS * slot.itemsize:
             raise ValueError
-        names = [
-            self._map[at : at + NAME_BYTES].rstrip(b"\0").decode(errors="replace")
-            for at in range(names_at, members_at, NAME_BYTES)
-        ]
-        table = np.frombuffer(self._map, "<u4", 4 * n_patches, members_at).reshape(-1, 4).astype(np.int64)
-        node_id, bus, link, tactels = table.T.astype(np.int32)
-        is_whole = (table[:, 1] < n_buses).all() and (table[:, 2] < n_links).all()
-        if not is_whole or table[:, 3].sum() != n_tactels or not header[4]:
+        self._slots = memory[first : first + SLOTS * slot.itemsize].view(slot)
+        texts = memory[HEADER.itemsize : members_at].view(NAME).tolist()
+        name, *names = (text.decode(errors="ignore") for text in (header["name"].item(), *texts))
+        members = memory[members_at : members_at + 16 * n_patches].view("<u4").reshape(-1, 4)
+        node_id, bus, link, tactels = members.T.astype(np.int64)
+        if (bus >= n_buses).any() or (link >= n_links).any() or tactels.sum() != n_tactels:
             raise ValueError
-        layout = SkinLayout(
-            name.rstrip(b"\0").decode(errors="replace"),
+        return SkinLayout(
+            name,
             tuple(names[:n_links]),
             tuple(names[n_links:]),
-            node_id,
-            bus,
-            link,
-            tactels,
-            header[4],
-            geometry=tuple(geometry),
+            node_id.astype(np.int32),
+            bus.astype(np.int32),
+            link.astype(np.int32),
+            tactels.astype(np.int32),
+            int(header["period_ns"]),
+            geometry=int(header["geometry"]),
         )
-        return layout, offsets
 
 
 def is_locked(file: int) -> bool:
@@ -392,12 +375,3 @@ def _create(path: Path, begin: bytes, n_bytes: int) -> int:
     except OSError as error:
         raise ShareError(f"shared memory {path.name!r} cannot be made: {error.strerror}") from error
     return file
-
-
-def _aligned(n: int) -> int:
-    return -(-n // 8) * 8
-
-
-def _fixed(text: str) -> bytes:
-    """Return a name in its place; what is too long is cut between two characters."""
-    return text.encode()[: NAME_BYTES - 1].decode(errors="ignore").encode().ljust(NAME_BYTES, b"\0")

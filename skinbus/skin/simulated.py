@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -14,7 +15,7 @@ from skinbus.sim import Scene, World, load_scene
 from skinbus.skin.compile_ahead import SIMULATED, parts_of
 from skinbus.skin.contact import Level
 from skinbus.skin.cycle import Cycle, Touch
-from skinbus.skin.feed import PullFeed, offer
+from skinbus.skin.feed import offer
 from skinbus.skin.master_cycles import CycleMaker, played
 from skinbus.skin.opened import check_level, compile_kernels
 from skinbus.skin.skin import Skin
@@ -35,9 +36,8 @@ def simulate(
 ) -> Skin:
     """Simulate the patches of a scene and their master, in this process.
 
-    Joints that the scene moves and that no drive reports are set as the scene has them, until the program
-    sets some itself. The same scene gives the same cycles; they end with the scene. ``skinbus sim`` simulates
-    patches on a bus.
+    Joints that the scene moves and that no drive reports are set as the scene has them. The same scene gives
+    the same cycles; they end with the scene. ``skinbus sim`` simulates patches on a bus.
 
     Args:
         scene: name or TOML file of a scene.
@@ -52,70 +52,49 @@ def simulate(
     """
     check_level(level)
     loaded = scene if isinstance(scene, Scene) else load_scene(scene)
-    maker = CycleMaker(loaded.arm)
-    what = f"scene {scene}" if isinstance(scene, str | Path) else "a scene"
-    made = _Simulation(loaded, maker, level, zero)
-    feed = PullFeed(maker.layout, what, made.next_cycle, made.master, made.from_scene.clear)
-    return played(feed, maker, realtime=realtime)
+    arm, motion, new = loaded.arm, loaded.motion, deque[Cycle]()
+    maker, world = CycleMaker(arm), World(loaded, ods_of(arm))
+    compile_kernels(parts_of(level, SIMULATED))
+    wires = VirtualBuses(
+        [bus.bitrate for bus in arm.buses], data_bitrates=[bus.data_bitrate for bus in arm.buses]
+    )
 
-
-class _Simulation:
-    """Patches and master on wires, moved on until the next cycle has ended."""
-
-    def __init__(self, scene: Scene, maker: CycleMaker, level: str, zero: bool) -> None:
-        self._scene = scene
-        self._maker = maker
-        self._new: deque[Cycle] = deque()
-        arm = scene.arm
-        compile_kernels(parts_of(level, SIMULATED))
-        self.master = Master(arm, level=level, zero_at_start=zero, on_cycle=self._on_cycle)
-        self._world = World(scene, ods_of(arm))
-        self._wires = VirtualBuses(
-            [bus.bitrate for bus in arm.buses], data_bitrates=[bus.data_bitrate for bus in arm.buses]
-        )
-        self._wires.attach(self._world)
-        self._wires.attach(self.master)
-        self._now_ns = 0
-        self.from_scene: list[str] = []
-        """Joints that move as the scene has them, until the program sets some."""
-        if scene.motion is not None and self.master.robot is not None:
-            settable = self.master.robot.positions.from_python
-            self.from_scene = [name for name in scene.motion.moved if name in settable]
-            self._world.on_sample = self._follow
-
-    def next_cycle(self) -> Cycle | None:
-        """Return the next cycle, None when the scene is over."""
-        while not self._new:
-            if self._world.scene_time(self._now_ns) >= self._scene.duration_s:
-                return None
-            if not self._world.n_samples and self._now_ns > BOOT_LIMIT_NS:
-                return None
-            self._now_ns += STEP_NS
-            self._wires.run(self._now_ns)
-        return self._new.popleft()
-
-    def _follow(self, now_ns: int, t_s: float) -> None:
-        """Take the joint positions of a sample of the scene."""
-        if self.from_scene and self._scene.motion is not None:
-            motion = self._scene.motion
-            positions = motion.positions(t_s)
-            offered = {name: float(positions[motion.names.index(name)]) for name in self.from_scene}
-            offer(self.master, now_ns, offered)
-
-    def _on_cycle(self, report: CycleReport) -> None:
-        cycle = self._maker.make(self.master, report)
+    def on_cycle(report: CycleReport) -> None:
+        cycle = maker.make(master, report)
         # The patches sampled a little after the SYNC was sent, and well before the next.
-        half = round(0.5e9 / self._scene.arm.bus.rate_hz)
-        cycle.truth = self._truth(self._world.scene_time(report.t_ns + half))
-        cycle.bus_loads = tuple(wire.load() for wire in self._wires.wires)
-        self._new.append(cycle)
+        half = round(0.5e9 / arm.bus.rate_hz)
+        cycle.truth = _truth(loaded, world.scene_time(report.t_ns + half))
+        cycle.bus_loads = tuple(wire.load() for wire in wires.wires)
+        new.append(cycle)
 
-    def _truth(self, t_s: float) -> tuple[Touch, ...]:
-        """Return the touches at a scene time."""
-        touches, links = self._scene.touches_at(t_s), self._scene.arm.links
-        rows = zip(touches.link.tolist(), touches.s, touches.a, touches.force, strict=True)
-        truth = []
-        for k, s, a, force in rows:
-            point, normal = links[k].surface.position(s, a)
-            truth.append(Touch(links[k].name, float(s), float(a), point, normal, float(force)))
-        return tuple(truth)
+    def cycles() -> Iterator[Cycle]:
+        now_ns = 0
+        while world.scene_time(now_ns) < loaded.duration_s and (world.n_samples or now_ns <= BOOT_LIMIT_NS):
+            now_ns += STEP_NS
+            wires.run(now_ns)
+            while new:
+                yield new.popleft()
+
+    master = Master(arm, level=level, zero_at_start=zero, on_cycle=on_cycle)
+    wires.attach(world)
+    wires.attach(master)
+    if motion is not None and master.robot is not None:
+        from_scene = set(motion.moved) & set(master.robot.positions.from_python)
+
+        def follow(now_ns: int, t_s: float) -> None:
+            here = zip(motion.names, motion.positions(t_s).tolist(), strict=True)
+            offer(master, now_ns, {name: position for name, position in here if name in from_scene})
+
+        world.on_sample = follow if from_scene else None
+    what = f"scene {scene}" if isinstance(scene, str | Path) else "a scene"
+    return played(what, cycles(), maker, master, realtime=realtime)
+
+
+def _truth(scene: Scene, t_s: float) -> tuple[Touch, ...]:
+    """Return the touches at a scene time."""
+    touches, links = scene.touches_at(t_s), scene.arm.links
+    truth = []
+    for k, s, a, force in zip(touches.link.tolist(), touches.s, touches.a, touches.force, strict=True):
+        point, normal = links[k].surface.position(s, a)
+        truth.append(Touch(links[k].name, float(s), float(a), point, normal, float(force)))
+    return tuple(truth)

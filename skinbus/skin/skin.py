@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import threading
+import math
 import time
 import weakref
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -13,7 +13,7 @@ from typing import Final, Literal, Self, get_args
 
 import numpy as np
 
-from skinbus.errors import ArgumentError, ShareError
+from skinbus.errors import ArgumentError
 from skinbus.estimate import TrackState
 from skinbus.skin.contact import Floats
 from skinbus.skin.cycle import Contact, Cycle, Patch, PatchState
@@ -58,9 +58,6 @@ class Skin:
         self._handlers: dict[Kind, list[Handler]] = {kind: [] for kind in KINDS}
         self._events = TouchEvents()
         self._dispatched = 0
-        self._dispatcher: threading.Thread | None = None
-        self._is_closed = threading.Event()
-        self._failed: BaseException | None = None
         self._n_lost = 0
         # Patches are stopped too when a program ends without closing its skin.
         self._finalizer = weakref.finalize(self, feed.close)
@@ -74,7 +71,7 @@ class Skin:
 
     @property
     def n_lost(self) -> int:
-        """Cycles that the iteration, and the handlers of events, came too late for."""
+        """Cycles that the iteration came too late for."""
         return self._n_lost
 
     @property
@@ -114,7 +111,7 @@ class Skin:
 
         One that hangs, and a bus that carries nothing, show in ``latest().age_s``.
         """
-        return not self._is_closed.is_set() and self._feed.is_running
+        return self._finalizer.alive and self._feed.is_running
 
     @property
     def pace(self) -> float:
@@ -126,12 +123,10 @@ class Skin:
 
         A replay or a simulation without ``realtime`` has no time of its own: there it is the next cycle.
         """
-        if self._failed is not None:
-            self._raise_failure()
         cycle = self._feed.newest()
         if self._feed.is_pulled:
             self._next = max(self._next, cycle.number + 1)
-            self._dispatch(cycle)
+        self._dispatch(cycle)
         return cycle
 
     @property
@@ -185,42 +180,23 @@ class Skin:
         A contact is lost, not lifted, when it has ended without readings that could have shown it, as those
         of a board that stopped answering: whether what pressed is still there is not known.
 
-        Handlers are called one after the other: of a live source by a thread of the skin, of a replay or a
-        simulation without ``realtime`` by whoever takes the cycles. What one raises is raised by the next
-        use of the skin.
+        Handlers are called by who takes the cycles, with ``for``, ``latest`` or ``wait``, and what one raises
+        is raised there.
         """
         if kind not in KINDS:
             raise ArgumentError(f"no event is called {kind!r}; there are {', '.join(KINDS)}")
         self._handlers[kind].append(handler)
-        if not self._feed.is_pulled and self._dispatcher is None:
-            self._dispatcher = threading.Thread(target=self._run_handlers, name="skinbus-events", daemon=True)
-            self._dispatcher.start()
 
-    def wait(self, seconds: float | None = None) -> None:
-        """Wait until the source ends, or for so long, while handlers are called.
-
-        Raises what has ended the source, and what a handler raised.
-        """
-        end = time.monotonic() + seconds if seconds is not None else float("inf")
-        while not self._feed.is_over and not self._is_closed.is_set() and time.monotonic() < end:
-            self._raise_failure()
-            if self._feed.is_pulled:
-                self.latest()
-            else:
-                self._feed.newest()
-                self._is_closed.wait(min(POLL_S, max(end - time.monotonic(), 0.0)))
-        self._raise_failure()
+    def wait(self, seconds: float = math.inf) -> None:
+        """Take cycles, for their handlers, until the source ends or for so long; raises what has ended it."""
+        end = time.monotonic() + seconds
+        while not self._has_ended() and (left_s := end - time.monotonic()) > 0.0:
+            if cycle := self._feed.get(self._next, min(POLL_S, left_s)):
+                self._take(cycle)
 
     def close(self) -> None:
-        """End the source; a second call does nothing.
-
-        Raises what a handler raised.
-        """
-        self._is_closed.set()
+        """End the source; a second call does nothing."""
         self._finalizer()
-        if self._dispatcher is not None and self._dispatcher is not threading.current_thread():
-            self._dispatcher.join()
-        self._raise_failure()
 
     def __enter__(self) -> Self:
         return self
@@ -228,12 +204,7 @@ class Skin:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        try:
-            self.close()
-        except BaseException as failure:
-            if error is None or failure is error:
-                raise
-            error.add_note(f"then: {failure!r}")
+        self.close()
 
     def __iter__(self) -> Iterator[Cycle]:
         return self
@@ -260,23 +231,18 @@ class Skin:
         raise StopAsyncIteration
 
     def _has_ended(self) -> bool:
-        """Whether no more cycles will come; raises what a handler raised."""
-        self._raise_failure()
-        is_over = self._feed.is_over or self._is_closed.is_set()
+        """Whether no more cycles will come; raises what has ended the source."""
+        is_over = self._feed.is_over or not self._finalizer.alive
         return is_over and self._feed.get(self._next, 0.0) is None
 
     def _take(self, cycle: Cycle) -> Cycle:
         """Note that a cycle is handed over."""
-        self._count_lost(cycle.number - self._next, "they came faster than they were taken")
-        self._next = cycle.number + 1
-        if self._feed.is_pulled:
-            self._dispatch(cycle)
-        return cycle
-
-    def _count_lost(self, n: int, why: str) -> None:
-        if n > 0:
+        if (n := cycle.number - self._next) > 0:
             self._n_lost += n
-            LOG.warning("%d cycles lost: %s", n, why)
+            LOG.warning("%d cycles lost: they came faster than they were taken", n)
+        self._next = cycle.number + 1
+        self._dispatch(cycle)
+        return cycle
 
     def _dispatch(self, cycle: Cycle) -> None:
         """Call the handlers of the events of a cycle, once."""
@@ -286,25 +252,6 @@ class Skin:
         for kind, contact in self._events.step(cycle):
             for handler in self._handlers[kind]:
                 handler(contact)
-
-    def _run_handlers(self) -> None:
-        """Follow the cycles and call handlers until the skin is closed; in a thread."""
-        number = max(self._feed.first, self._next)
-        try:
-            while not (self._is_closed.is_set() or self._feed.is_over):
-                if cycle := self._feed.get(number, POLL_S):
-                    self._count_lost(cycle.number - number, "handlers of events were too slow")
-                    number = cycle.number + 1
-                    self._dispatch(cycle)
-        except ShareError:
-            pass  # the process that writes has died: ``is_running`` says so, and ``latest()`` goes on
-        except BaseException as error:  # noqa: BLE001 - raised where the skin is used
-            self._failed = error
-
-    def _raise_failure(self) -> None:
-        failed, self._failed = self._failed, None
-        if failed is not None:
-            raise failed
 
 
 class TouchEvents:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -25,16 +24,6 @@ REMEMBERED: Final = 100_000
 """Cycles that percentiles are made of, the last of a long run."""
 WAITS: Final = (np.arange(50) + 0.5) / 50
 """Of a touch for its SYNC, in periods."""
-
-
-@dataclass(frozen=True, slots=True)
-class LatencySpread:
-    """How a latency spreads, ms."""
-
-    p50: float
-    p95: float
-    p99: float
-    max: float
 
 
 class LatencyLog:
@@ -71,8 +60,9 @@ class LatencyLog:
             elif frame.can_id in self._contact_ids:
                 self._contact_ns = frame.t_ns
 
-    def spread(self, latencies: Floats) -> LatencySpread | None:
-        """Return the percentiles of one of the two; None before the first cycle."""
+    def spread(self, latencies: Floats) -> dict[str, float]:
+        """Return the percentiles of one of the two, and its maximum, ms; none before the first cycle."""
         if not len(latencies):
-            return None
-        return LatencySpread(*np.percentile(latencies, (50, 95, 99, 100)).round(2).tolist())
+            return {}
+        values = np.percentile(latencies, (50, 95, 99, 100)).round(2).tolist()
+        return dict(zip(("p50", "p95", "p99", "max"), values, strict=True))

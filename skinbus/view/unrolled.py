@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 from rich.text import Text
+from scipy.spatial.distance import pdist
 
 from skinbus.model import Arm
 
@@ -29,7 +30,8 @@ class Unrolled:
     def __init__(self, arm: Arm, width: int = 1000) -> None:
         """Draw an arm for a terminal of a width, in characters."""
         self._arm = arm
-        pitch = _least_pitch(arm)
+        boards = {id(p.patch): p.patch.tactels_uv for p in arm.patches if p.patch.n_tactels > 1}
+        pitch = max(min((float(pdist(uv).min()) for uv in boards.values()), default=CELL_S), 1e-3)
         widest = max(link.surface.width for link in arm.links)
         self._grids = [
             _Grid(arm, link, min(CELL_S, pitch), min(max(CELL_A, widest / (width - 1)), pitch))
@@ -84,51 +86,34 @@ class _Grid:
 
     def __init__(self, arm: Arm, link: int, cell_s: float, cell_a: float) -> None:
         self._cell = cell_s, cell_a
-        surface = arm.links[link].surface
+        self._surface = surface = arm.links[link].surface
         tactels = np.flatnonzero(arm.tactel_link == link)
+        if not len(tactels):
+            self.tactel: Any = np.full((1, 1), -1)
+            self._low = 0.0, 0.0
+            return
         s, a = arm.tactel_s[tactels], arm.tactel_a[tactels]
-        radius = max((p.patch.diameter for p in arm.patches if p.link == link), default=0.01) * 0.6
-        low, high = (float(s.min()), float(s.max())) if len(s) else (0.0, 0.0)
-        left, right = (float(a.min()), float(a.max())) if len(a) else (0.0, 0.0)
-        self._s0 = low - radius
-        self._a0 = -0.5 * surface.period if surface.period else left - radius
-        width = surface.period or right + radius - self._a0
-        shape = (
-            int(np.ceil((high + radius - self._s0) / cell_s)),
-            int(np.ceil(width / cell_a)),
+        radius = 0.6 * max(p.patch.diameter for p in arm.patches if p.link == link)
+        ends_a = (
+            (-0.5 * surface.period, 0.5 * surface.period)
+            if surface.period
+            else (a.min() - radius, a.max() + radius)
         )
-        self.tactel: Any = np.full(shape, -1)
-        if len(tactels):
-            at_s = self._s0 + (np.arange(shape[0]) + 0.5) * cell_s
-            at_a = self._a0 + (np.arange(shape[1]) + 0.5) * cell_a
-            along = np.abs(at_s[:, None, None] - s)
-            around = np.abs(surface.wrap(at_a[None, :, None] - a))
-            d = np.maximum(along, around)  # a tactel covers a square
-            nearest = d.argmin(-1)
-            self.tactel = np.where(d.min(-1) <= radius, tactels[nearest], -1)
-        self._surface = surface
-        hidden = ~np.isin(tactels, self.tactel)  # no character is nearest to it
-        for t, row, column in zip(tactels[hidden], *self._cells(s[hidden], a[hidden]), strict=True):
-            self.tactel[row, column] = t
+        self._low = s.min() - radius, ends_a[0]
+        at_s = np.arange(self._low[0] + 0.5 * cell_s, s.max() + radius + 0.5 * cell_s, cell_s)
+        at_a = np.arange(ends_a[0] + 0.5 * cell_a, ends_a[1] + 0.5 * cell_a, cell_a)
+        along = np.abs(at_s[:, None, None] - s)
+        d = np.maximum(along, np.abs(surface.wrap(at_a[None, :, None] - a)))  # a tactel covers a square
+        self.tactel = np.where(d.min(-1) <= radius, tactels[d.argmin(-1)], -1)
+        self.tactel[self._cells(s, a)] = tactels  # one may be nearest to no character
 
     def cell(self, s: float, a: float) -> tuple[int, int]:
         """Return the cell (row, column) of a point, clipped to the picture."""
-        row, column = self._cells(np.array([s]), np.array([a]))
-        return int(row[0]), int(column[0])
+        row, column = self._cells(np.array(s), np.array(a))
+        return int(row), int(column)
 
     def _cells(self, s: npt.NDArray[np.float64], a: npt.NDArray[np.float64]) -> tuple[Any, Any]:
         rows, columns = self.tactel.shape
-        row = ((s - self._s0) / self._cell[0]).astype(int)
-        column = ((self._surface.wrap(a) - self._a0) / self._cell[1]).astype(int)
+        row = ((s - self._low[0]) / self._cell[0]).astype(int)
+        column = ((self._surface.wrap(a) - self._low[1]) / self._cell[1]).astype(int)
         return np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)
-
-
-def _least_pitch(arm: Arm) -> float:
-    """Return the least distance of two tactels of a board, m; that of a usual board where each has one."""
-    pitches = []
-    for placed in {id(placed.patch): placed for placed in arm.patches}.values():
-        uv = placed.patch.tactels_uv
-        distances = np.linalg.norm(uv[:, None] - uv, axis=-1)
-        if len(uv) > 1:
-            pitches.append(float(distances[distances > 0.0].min(initial=CELL_S)))
-    return max(min(pitches, default=CELL_S), 1e-3)

@@ -125,10 +125,8 @@ def test_attaching_waits_for_a_writer_that_runs_where_one_has_died(dead):
         writer.close()
 
 
-def test_the_newest_cycle_stays_when_the_writer_has_died_also_with_handlers(dead):
+def test_the_newest_cycle_stays_when_the_writer_has_died(dead):
     with skinbus.attach(dead) as skin:
-        skin.on("touch", lambda contact: None)
-        skin.wait(0.5)  # longer than a handler's thread waits for a cycle
         assert skin.latest().number == 1
         assert not skin.is_running
         with pytest.raises(ShareError, match="has died"):

@@ -68,14 +68,16 @@ def test_a_contact_is_in_every_frame_where_the_moving_arm_has_it(scene):
         force = -contact.force * R[:, 2]
         np.testing.assert_allclose(contact.force_vector(), force, atol=1e-9)
         np.testing.assert_allclose(cycle.joint_torques, contact.jacobian[:3].T @ force, atol=1e-9)
-        np.testing.assert_allclose(cycle.base_wrench, [*force, *np.cross(R @ in_plate + p, force)], atol=1e-9)
-        np.testing.assert_allclose(cycle.link_wrench("plate")[:3], [0, 0, -contact.force], atol=1e-9)
+        np.testing.assert_allclose(
+            cycle.robot.base_wrench, [*force, *np.cross(R @ in_plate + p, force)], atol=1e-9
+        )
+        np.testing.assert_allclose(cycle.robot.link_wrench[0, :3], [0, 0, -contact.force], atol=1e-9)
         # even motion: the covariance is that of the contact, turned
         flat = np.zeros((3, 3))
         flat[:2, :2] = contact.covariance[:2, :2]
         np.testing.assert_allclose(contact.point_covariance("link"), flat, rtol=1e-6, atol=1e-15)
         np.testing.assert_allclose(contact.point_covariance("base"), R @ flat @ R.T, rtol=1e-4, atol=1e-12)
-        assert (np.diagonal(cycle.joint_torque_covariance) > 0.0).all()
+        assert (np.diagonal(cycle.robot.torque_covariance) > 0.0).all()
 
 
 def test_positions_that_are_old_make_the_base_invalid_not_wrong(scene):
@@ -93,9 +95,9 @@ def test_positions_that_are_old_make_the_base_invalid_not_wrong(scene):
     assert contact.point_covariance("base") is None
     assert np.isfinite(contact.point("link")).all()
     assert np.isnan(cycle.joint_torques).all()
-    assert np.isnan(cycle.base_wrench).all()
-    assert cycle.joint_torque_covariance is None
-    np.testing.assert_allclose(cycle.link_wrench("plate")[:3], [0, 0, -contact.force], atol=1e-9)
+    assert np.isnan(cycle.robot.base_wrench).all()
+    assert np.isnan(cycle.robot.torque_covariance).all()
+    np.testing.assert_allclose(cycle.robot.link_wrench[0, :3], [0, 0, -contact.force], atol=1e-9)
 
 
 def test_times_of_positions_may_be_given(scene):

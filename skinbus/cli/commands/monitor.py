@@ -6,7 +6,6 @@ import json
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing, nullcontext
-from dataclasses import asdict
 from typing import Any
 
 import click
@@ -25,7 +24,7 @@ from skinbus.config.system import load_arm
 from skinbus.master.level_control import CycleFlags
 from skinbus.model import Arm, BusSettings
 from skinbus.skin.addresses import BusAddress, channels_by_name, find_places
-from skinbus.skin.listener import Listener, why_not_of
+from skinbus.skin.listener import ContactRow, Listener, why_not_of
 from skinbus.view.latency import LatencyLog
 from skinbus.view.table import contact_table
 
@@ -96,9 +95,9 @@ def command(
     if not is_stream and not live:
         console.print(_screen(listener, clock.now_ns(), ages, links))
     if json_file:
-        contacts = rows_of(listener, clock.now_ns(), links)
-        spreads = {name: asdict(spread) for name, spread in _spreads(latency).items()}
-        json_file.write({"cycles": listener.n_summaries, "contacts": contacts, "latency_ms": spreads})
+        contacts = rows_of(listener.rows(clock.now_ns()), links)
+        said = {"contacts": contacts, "latency_ms": _spreads(latency)}
+        json_file.write({"cycles": listener.n_summaries, **said})
     if not listener.n_summaries:
         echo(f"nothing of a master was received: does one run on this bus, with node-ID {node_id}?", err=True)
     if why_not:
@@ -119,28 +118,22 @@ def place_of(arm: Arm | None, where: BusesWords) -> BusAddress:
 def cycles(
     listener: Listener, clock: Clock, frames: Sequence[Frame], links: Sequence[str]
 ) -> Iterator[dict[str, Any]]:
-    """Take frames; return a row for programs of each cycle that they end.
-
-    A cycle's summary comes before its contacts, so it is over when the next one's summary comes.
-    """
+    """Take frames; return a row for programs of each cycle that they end."""
     for frame in frames:
-        before, n, now_ns = listener.summary, listener.n_summaries, clock.now_ns()
-        rows = rows_of(listener, now_ns, links) if before and frame.can_id == listener.summary_id else []
-        listener.step(now_ns, [frame])
-        if before and listener.n_summaries > n:
+        for said, rows in listener.take(clock.now_ns(), frame):
             yield {
-                "sync": before.counter,
-                "patches_alive": before.alive,
-                "compute_us": before.compute_us,
-                "latency_us": before.latency_us,
-                "level": before.level,
-                "flags": [flag.name.lower() for flag in before.flags if flag.name],
-                "contacts": rows,
+                "sync": said.counter,
+                "patches_alive": said.alive,
+                "compute_us": said.compute_us,
+                "latency_us": said.latency_us,
+                "level": said.level,
+                "flags": [flag.name.lower() for flag in said.flags if flag.name],
+                "contacts": rows_of(rows, links),
             }
 
 
-def rows_of(listener: Listener, now_ns: int, links: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the contacts shown now for a program, rounded to the resolution of their TPDO."""
+def rows_of(rows: Sequence[ContactRow], links: Sequence[str]) -> list[dict[str, Any]]:
+    """Return contacts for a program, rounded to the resolution of their TPDO."""
     return [
         {
             "id": row.id,
@@ -150,7 +143,7 @@ def rows_of(listener: Listener, now_ns: int, links: Sequence[str]) -> list[dict[
             "a_mm": round(1e3 * row.a, 1),
             "force_n": round(row.force, 2),
         }
-        for row in listener.rows(now_ns)
+        for row in rows
     ]
 
 
@@ -169,8 +162,9 @@ def _screen(listener: Listener, now_ns: int, latency: LatencyLog | None, links: 
     parts: list[Any] = [head, contact_table(listener.rows(now_ns), links)]
     if latency is not None:
         lines = [
-            f"{name.partition('_')[0]:>5} to contact, ms: p50 {spread.p50:.1f}  p95 {spread.p95:.1f}  "
-            f"p99 {spread.p99:.1f}  max {spread.max:.1f}  ({latency.n_cycles} cycles)"
+            f"{name.partition('_')[0]:>5} to contact, ms: "
+            + "".join(f"{key} {value:.1f}  " for key, value in spread.items())
+            + f"({latency.n_cycles} cycles)"
             for name, spread in _spreads(latency).items()
         ]
         parts.append(Text("\n".join(["", *(lines or ["latency: no contact yet"])])))

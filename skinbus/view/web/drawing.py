@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from skinbus.model import Arm
-from skinbus.skin.cycle import Contact, Cycle, PatchState, TrackState
+from skinbus.skin.cycle import Contact, Cycle, PatchState, Touch, TrackState
 from skinbus.view.web import colours
 from skinbus.view.web.colours import Colour, Colours
 from skinbus.view.web.poses import Floats, Poses, placed, turned
@@ -67,18 +67,6 @@ class Label(NamedTuple):
     text: str
 
 
-class Push(NamedTuple):
-    """A contact, or a true touch, on a link by number."""
-
-    link: int
-    s: float
-    a: float
-    point: Floats
-    normal: Floats
-    force: float
-    colour: Colour
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Drawing:
     """One cycle as it is drawn."""
@@ -95,12 +83,7 @@ class Drawing:
     labels: tuple[Label, ...]
     true_forces: Arrows
     truths: Lines
-    n_lost: int
     has_readings: bool
-
-    def is_unlike(self, other: Drawing | None) -> bool:
-        """Whether this is not the same as what was drawn before."""
-        return other is None or (self.number, self.is_stale) != (other.number, other.is_stale)
 
 
 class Drawer:
@@ -123,34 +106,28 @@ class Drawer:
         tactels[~readings.valid | is_stale] = colours.UNKNOWN
         tactels[(readings.faults != 0) & (not is_stale)] = colours.LOST
         states = [patch.state for patch in cycle.patches] if cycle.number else []
-        contacts = [] if is_stale else [c for c in cycle.contacts if c.state is not TrackState.LIFT]
-        pushes = [
-            Push(k, c.s, c.a, c.point, c.normal, c.force, colour)
-            for c in contacts
-            if (k := self._numbers.get(c.link)) is not None
-            for colour in [colours.COASTING if c.state is TrackState.COAST else colours.CONTACT]
+        known = [
+            c
+            for c in (() if is_stale else cycle.contacts)
+            if c.state is not TrackState.LIFT and c.link in self._numbers
         ]
-        truth = [
-            Push(self._numbers[t.link], t.s, t.a, t.point, t.normal, t.force, colours.TRUTH)
-            for t in (() if is_stale else cycle.truth)
-        ]
-        known = [c for c in contacts if c.link in self._numbers]
-        forces = self._arrows(pushes)
+        tints = [colours.COASTING if c.state is TrackState.COAST else colours.CONTACT for c in known]
+        truth = () if is_stale else cycle.truth
+        forces = self._arrows(known, tints)
         return Drawing(
             number=cycle.number,
             is_stale=is_stale,
             tactels=tuple(tactels[arm.tactel_link == k] for k in range(len(arm.links))),
             boards=self._boards([] if is_stale else states),
             forces=forces,
-            ellipses=self._ellipses(known, pushes),
+            ellipses=self._ellipses(known, tints),
             trails=self._trails(cycle.t_ns, known, forces.points[:, 1]),
             labels=tuple(
                 Label(1.1 * tail - 0.1 * head, f"{c.id}: {c.force:.1f} N")
                 for c, (tail, head) in zip(known, forces.points, strict=True)
             ),
-            true_forces=self._arrows(truth),
-            truths=_joined([(self._ring(t), t.colour) for t in truth]),
-            n_lost=sum(state in CROSSED_OUT for state in states),
+            true_forces=self._arrows(truth, [colours.TRUTH] * len(truth)),
+            truths=_joined([(self._ring(t, RING_RADIUS * np.eye(2)), colours.TRUTH) for t in truth]),
             has_readings=bool(readings.valid.any()),
         )
 
@@ -168,33 +145,31 @@ class Drawer:
                 parts.append((self._line(board.link, *at), colours.LOST if is_lost else colours.WAITING))
         return _joined(parts)
 
-    def _arrows(self, pushes: Sequence[Push]) -> Arrows:
+    def _arrows(self, pushes: Sequence[Contact | Touch], tints: Sequence[Colour]) -> Arrows:
         """Return arrows that push on the surface, with their heads where they do."""
         points = []
         for push in pushes:
-            X = self.poses.X_BS[push.link]
+            X = self.poses.X_BS[self._numbers[push.link]]
             head = placed(X, push.point + LIFT * push.normal)
             length = min(max(push.force * LENGTH_PER_N, SHORTEST), LONGEST)
             points.append([head + length * turned(X, push.normal), head])
-        tints = np.array([push.colour for push in pushes], np.uint8)
-        return Arrows(np.array(points).reshape(-1, 2, 3), tints.reshape(-1, 3))
+        return Arrows(np.array(points).reshape(-1, 2, 3), np.array(tints, np.uint8).reshape(-1, 3))
 
-    def _ellipses(self, contacts: Sequence[Contact], pushes: Sequence[Push]) -> Lines:
+    def _ellipses(self, contacts: Sequence[Contact], tints: Sequence[Colour]) -> Lines:
         """Return the ellipses of contacts whose covariance is known."""
         parts = []
-        for contact, push in zip(contacts, pushes, strict=True):
+        for contact, tint in zip(contacts, tints, strict=True):
             if contact.covariance is None or not np.isfinite(place := contact.covariance[:2, :2]).all():
                 continue
             values, axes = np.linalg.eigh(place)
             radii = SIGMAS * np.sqrt(np.maximum(values, 0.0))
-            parts.append((self._ring(push, axes * radii), push.colour))
+            parts.append((self._ring(contact, axes * radii), tint))
         return _joined(parts)
 
-    def _ring(self, push: Push, axes: Floats | None = None) -> Floats:
-        """Return a ring around a push, or an ellipse whose axes (2, 2) m are columns."""
-        circle = np.stack([np.cos(ANGLES), np.sin(ANGLES)])
-        s, a = (RING_RADIUS * np.eye(2) if axes is None else axes) @ circle
-        return self._line(push.link, push.s + s, push.a + a)
+    def _ring(self, push: Contact | Touch, axes: Floats) -> Floats:
+        """Return an ellipse around a push, whose axes (2, 2) m are columns."""
+        s, a = axes @ np.stack([np.cos(ANGLES), np.sin(ANGLES)])
+        return self._line(self._numbers[push.link], push.s + s, push.a + a)
 
     def _line(self, link: int, s: Floats, a: Floats) -> Floats:
         """Return a line on the surface of a link, (n, 3)."""

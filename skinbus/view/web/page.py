@@ -204,7 +204,8 @@ class Page:
                     self._is_known = True
                     self.scene.aim()
             drawing = self._drawer.draw(cycle, age_s=self._source.silent_s)
-            if drawing.is_unlike(self.drawing) or self._is_changed:
+            shown = self.drawing and (self.drawing.number, self.drawing.is_stale)
+            if shown != (drawing.number, drawing.is_stale) or self._is_changed:
                 self._is_changed = False
                 with self.server.atomic():
                     self.scene.show(drawing, [part for box, part in self._parts if not box.value])
@@ -278,7 +279,8 @@ class Page:
 
     async def _add_zeros(self, client: viser.ClientHandle) -> None:
         """Add the buttons for zeros to a page that may press them."""
-        if isinstance(self._source, Player) or not self.server.may_change(client):
+        source = self._source
+        if isinstance(source, Player) or not self.server.may_change(client):
             return
         names = [panels.board_name(self._arm, p) for p in range(self._arm.n_patches)]
         board = client.gui.add_dropdown("Zero", ("all boards", *names))
@@ -287,7 +289,7 @@ class Page:
         async def zero(_: Any) -> None:
             patch = None if board.value == "all boards" else names.index(board.value)
             try:
-                await asyncio.to_thread(self._source.zero, patch)
+                await asyncio.to_thread(source.zero, patch)
                 said = "done"
             except SkinbusError as error:
                 said = str(error)

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import bisect
-import tempfile
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.errors import LocalProtocolError
-from skinbus.skin.attached import unpacked
 from skinbus.skin.cycle import Cycle
-from skinbus.skin.robot_here import RobotHere
-from skinbus.skin.shared_memory import Offsets, pack_cycle
 from skinbus.skin.skin import Skin
 
 Floats = npt.NDArray[np.float64]
@@ -156,7 +152,7 @@ class Follower:
 class Player:
     """A recording made once, as fast as the machine can, and played: where it stands, how fast, step by step.
 
-    Its cycles are kept in a file without a name, as shared memory has them; time goes on by ``advance`` only.
+    Its cycles are kept in memory; time goes on by ``advance`` only.
     """
 
     silent_s, pace, gone = 0.0, 1.0, ""
@@ -170,16 +166,10 @@ class Player:
         self.error: Exception | None = None
         """What has ended the making, if that was an error."""
         self._skin = skin
-        first = skin.latest()
-        self._layout = layout = first.layout
-        self._offsets = Offsets(len(layout.node_id), layout.n_tactels)
-        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the player
-        self._lock = threading.Lock()
-        self._ends = [0]
+        self._cycles: list[Cycle] = []
         self._times: list[int] = []
-        self._loads: list[tuple[float, ...] | None] = []
         self._shown = -1
-        self._keep(first)
+        self._keep(skin.latest())
         self._thread = threading.Thread(target=self._make, name="skinbus-view", daemon=True)
         self._thread.start()
 
@@ -223,14 +213,7 @@ class Player:
 
     def __getitem__(self, number: int) -> Cycle:
         """Return a cycle; its own number counts from 1."""
-        begin, end = self._ends[number : number + 2]
-        with self._lock:
-            self._file.seek(begin)
-            data = self._file.read(end - begin)
-        t_ns = self._times[number]
-        cycle = unpacked(data, self._layout, self._offsets, lambda: t_ns, RobotHere(None))
-        cycle.bus_loads = self._loads[number]
-        return cycle
+        return self._cycles[number]
 
     def seconds_of(self, number: int) -> float:
         """Return when a cycle was, s after the first."""
@@ -257,15 +240,10 @@ class Player:
             self.seconds = 0.0
         self.is_playing = True
 
-    def zero(self, patch: int | None) -> None:
-        """Refuse: what was recorded has the zeros it has."""
-        raise LocalProtocolError("a recording has the zeros it has; --zero takes those of its begin")
-
     def close(self) -> None:
-        """Stop, and discard the cycles."""
+        """Stop."""
         self._skin.close()
         self._thread.join()
-        self._file.close()
 
     def _at(self, seconds: float) -> int:
         """Return the number of the last cycle at so many seconds after the first."""
@@ -279,10 +257,7 @@ class Player:
             self.error = error
 
     def _keep(self, cycle: Cycle) -> None:
-        data = pack_cycle(cycle, cycle.number, self._offsets)
-        with self._lock:
-            self._file.seek(self._ends[-1])
-            self._file.write(data)
-        self._ends.append(self._ends[-1] + len(data))
-        self._loads.append(cycle.bus_loads)
+        pressures = cycle.readings.pressures.astype(np.float32)
+        cycle.readings = replace(cycle.readings, pressures=pressures)  # type: ignore[arg-type]
+        self._cycles.append(cycle)
         self._times.append(cycle.t_ns)

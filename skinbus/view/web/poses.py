@@ -54,14 +54,6 @@ class Poses:
         frames = self._frames
         return dict(zip(frames.chain.names, self.positions.tolist(), strict=True)) if frames else {}
 
-    @property
-    def bones(self) -> Floats:
-        """Lines (n, 2, 3) m from each joint to the one that carries it, in the base; none without a robot."""
-        if self._frames is None:
-            return np.zeros((0, 2, 3))
-        joints = self._frames.poses(self.positions)[0][:, :3, 3]
-        return np.stack([joints[self._frames.chain.parent], joints[:-1]], 1)
-
     def move(self, positions: Floats, least: float) -> bool:
         """Go to joint positions; return whether that is further than ``least``, rad or m.
 

@@ -52,8 +52,8 @@ FILL: Final = colours.LIGHT * np.pi
 SUN: Final = 0.15 * FILL
 """Of the light from above, which shows the shape."""
 PLAIN: Final[dict[str, Any]] = {"cast_shadow": False, "receive_shadow": False}
-LINES: Final = {"bones": 6.0, "boards": 3.0, "ellipses": 2.5, "trails": 3.0, "truths": 2.5}
-"""Lines of the robot and of a drawing, and their thickness in pixels."""
+LINES: Final = {"boards": 3.0, "ellipses": 2.5, "trails": 3.0, "truths": 2.5}
+"""Lines of a drawing, and their thickness in pixels."""
 
 
 class SceneNodes:
@@ -149,10 +149,6 @@ class SceneNodes:
         for node, X in zip(self._links, self._poses.X_BS, strict=True):
             node.wxyz = viser.transforms.SO3.from_matrix(X[:3, :3]).wxyz
             node.position = X[:3, 3]
-        if len(bones := self._poses.bones):
-            lines = self._lines["bones"]
-            lines.points, lines.visible = bones.astype(np.float32), True
-            lines.colors = np.tile(colours.for_instances(colours.ROBOT), (len(bones), 2, 1))
         if self._robot is not None:
             self._robot.update_cfg(self._poses.joints)
 
@@ -161,7 +157,7 @@ class SceneNodes:
         for node, tints in zip(self._tactels, drawing.tactels, strict=True):
             if node is not None:
                 node.batched_colors = colours.for_instances(tints, LIT)
-        for name, node in list(self._lines.items())[1:]:
+        for name, node in self._lines.items():
             lines: Lines = getattr(drawing, name)
             node.visible = bool(len(lines.points)) and name not in hidden
             if node.visible:  # nodes of viser are never empty
@@ -232,10 +228,9 @@ def board_meshes(arm: Arm, link: int) -> Mesh:
 
 
 def unit_disc(n: int) -> Mesh:
-    """Return a disc of n corners about z, facing +z, with the area of one of radius 1."""
-    radius = math.sqrt(math.tau / (n * math.sin(math.tau / n)))
+    """Return a disc of n corners about z, facing +z, of radius 1."""
     angle, k = (np.arange(n) + 0.5) * (math.tau / n), np.arange(1, n - 1)
-    rim = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], -1)
+    rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], -1)
     return _mesh(rim, np.stack([np.zeros_like(k), k, k + 1], -1))
 
 

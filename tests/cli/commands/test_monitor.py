@@ -45,21 +45,12 @@ def test_tactels_at_a_rail_make_cycles_impaired():
         (1, 0, 0.055, 0.02, None),  # at the rim of the plate of 50 mm
         (2, 0, 0.02, 0.0, "2 patches are at work, pad has 1"),
         (1, 2, 0.02, 0.0, "a contact is on link 2, pad has 1"),
-        (1, 0, 0.204, 0.0, "a contact is at s 204 mm, a 0 mm, which link plate does not have"),
-        (1, 0, 0.02, -0.12, "a contact is at s 20 mm, a -120 mm, which link plate does not have"),
     ],
 )
 def test_what_another_arm_has_published_is_not_shown_as_that_of_the_arm_file(alive, link, s, a, why):
     summary = Summary(1, 1, alive, CycleFlags(0), "fit", 100, 1000, 0)
     row = ContactRow(slot=0, id=1, link=link, state=ContactState.HELD, s=s, a=a, force=3.0, t_ns=0)
     assert why_not_of(load_arm("pad"), summary, [row]) == why
-
-
-def test_contacts_around_a_link_are_those_of_its_arm():
-    forearm = load_arm("forearm")
-    a = 0.5 * forearm.links[0].surface.period + 0.01
-    row = ContactRow(slot=0, id=1, link=0, state=ContactState.HELD, s=0.1, a=a, force=3.0, t_ns=0)
-    assert why_not_of(forearm, None, [row]) is None
 
 
 @pytest.mark.parametrize(

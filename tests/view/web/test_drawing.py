@@ -61,7 +61,6 @@ def test_lost_boards_are_crossed_out_and_bad_tactels_are_red():
         far = np.linalg.norm(points[(tints == tint).all(1)] - centre, axis=-1)
         assert (far.min() < 0.003) == (p == 3)
         assert 0.033 < far.max() < 0.037
-    assert drawing.n_lost == 1
     assert tuple(drawing.tactels[0][100]) == colours.LOST
     assert not len(draw(made_cycle(1)).boards.points)
 
@@ -73,7 +72,6 @@ def test_nothing_of_a_stale_cycle_is_drawn_as_of_now():
     assert (stale.tactels[0] == colours.UNKNOWN).all()
     assert not len(stale.forces.points)
     assert not stale.labels
-    assert stale.is_unlike(draw(cycle))
 
 
 def test_trail_is_where_the_contact_was_for_two_seconds():

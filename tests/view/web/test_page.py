@@ -98,7 +98,7 @@ def seen_colour(picture, at):
 @pytest.mark.slow
 def test_browser_shows_pressures_contact_and_lost_board_where_they_are(shown, tab):
     page, arm = shown.page, shown.arm
-    eventually(lambda: page.drawing and len(page.drawing.labels) == 1 and page.drawing.n_lost == 1)
+    eventually(lambda: page.drawing and len(page.drawing.labels) == 1 and len(page.drawing.boards.points))
     tab.page.get_by_text("live").wait_for(state="attached")
     (label,) = page.drawing.labels
     ((tail, head),) = page.drawing.forces.points

@@ -62,4 +62,5 @@ def test_discs_face_along_the_normals():
         disc = unit_disc(n)
         assert outward(disc, np.array([0.0, 0.0, -1.0])) == pytest.approx(1.0)
         a, b, c = (disc[0][disc[1][:, k]] for k in range(3))
-        assert 0.5 * np.cross(b - a, c - a)[:, 2].sum() == pytest.approx(np.pi, rel=1e-6)
+        area = 0.5 * n * np.sin(2 * np.pi / n)
+        assert 0.5 * np.cross(b - a, c - a)[:, 2].sum() == pytest.approx(area, rel=1e-6)
