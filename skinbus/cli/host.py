@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Self
 
@@ -16,7 +16,6 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
-from skinbus.cli.progress import progress
 from skinbus.cli.stop_signals import Ending
 from skinbus.jit import on_compile
 from skinbus.jit.kernel_files import kernel_folder
@@ -36,41 +35,23 @@ REFRESH_S = 0.1
 
 
 @contextmanager
-def compiling(console: Console, parts: Sequence[str] = ()) -> Iterator[None]:
-    """Compile parts of the kernels that are not kept, several at once; say when anything else is compiled.
-
-    It says why the first start takes long. Ctrl-C and SIGTERM end it, those that are compiled are kept.
-    """
+def compiling(console: Console) -> Iterator[None]:
+    """Say why the first start takes long when kernels are compiled; Ctrl-C and SIGTERM end it between two."""
     begin: list[float] = []
 
     def say() -> None:
-        begin.append(time.monotonic())
-        if len(begin) > 1:  # one line for all that needs it
-            return
-        fault = kernel_folder().fault
-        why = f"no cache: {fault}" if fault else "first run after installation; they are cached"
-        console.print(f"compiling the kernels ({why}) ...")
-
-    def end() -> None:
         if ending.asked:
             raise KeyboardInterrupt
+        if not begin:  # one line for all that needs it
+            fault = kernel_folder().fault
+            why = f"no cache: {fault}" if fault else "first run after installation; they are cached"
+            console.print(f"compiling the kernels ({why}) ...")
+            begin.append(time.monotonic())
 
-    with Ending() as ending, on_compile(end):
-        with ExitStack() as stack:
-
-            def with_bar(n: int) -> Callable[[], None]:
-                say()
-                advance = stack.enter_context(progress(console, "kernels", n))
-                return lambda: advance(1)
-
-            if parts:
-                from skinbus.skin.compile_ahead import compile_missing  # with all that a master needs
-
-                compile_missing(parts, with_bar, lambda: ending.asked)
-        end()
-        with on_compile(say):
-            yield
-    end()
+    with Ending() as ending, on_compile(say):
+        yield
+    if ending.asked:
+        raise KeyboardInterrupt
     if begin:
         console.print(f"compiled in {time.monotonic() - begin[0]:.0f} s")
 

@@ -26,7 +26,6 @@ from skinbus.master.commissioning.press_guide import PressGuide
 from skinbus.master.commissioning.unplaced_boards import QuietMaster
 from skinbus.model import Arm
 from skinbus.skin.addresses import BusAddress
-from skinbus.skin.compile_ahead import BASE
 
 
 def talk(
@@ -46,7 +45,7 @@ def talk(
     reader = threading.Thread(target=_read, args=(sys.stdin, typed), name="typed lines", daemon=True)
     reader.start()
     say = partial(console.print, soft_wrap=True)
-    with compiling(console, BASE):
+    with compiling(console):
         master = QuietMaster(arm, lambda *cycle: cycles.append(cycle))
 
     def go_on() -> None:

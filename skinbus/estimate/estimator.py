@@ -102,16 +102,6 @@ class Estimator:
         self._run(self._touched, self._rank)
         self._work.random[0] = 1 + seed % 2147483646  # the generator's states are 1 ... 2^31 - 2
 
-    def raise_level(self, level: str) -> None:
-        """Make a higher level available; its kernel is loaded, or compiled, before this returns.
-
-        May be called from another thread than ``update``: a cycle under way ends as it began.
-        """
-        rank = LEVELS.index(level)
-        if rank > self._rank:
-            twin = Estimator(self.arm, level)  # runs its kernel once, on arrays of its own
-            self.level, self._rank = twin.level, rank
-
     def update(
         self,
         pressures: npt.ArrayLike,

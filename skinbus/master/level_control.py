@@ -78,7 +78,6 @@ class LevelControl:
 
     Args:
         level: the one asked for, the highest ever used.
-        available: the highest whose kernels are compiled; None: all.
         budget_us: most time for the estimator, us; None: what the period leaves.
         is_timed: whether the estimator has a clock; without one no budget is given.
     """
@@ -88,7 +87,6 @@ class LevelControl:
         period_ns: int,
         bitrate: int,
         level: str,
-        available: str | None = None,
         *,
         budget_us: float | None,
         is_timed: bool,
@@ -102,8 +100,7 @@ class LevelControl:
         self._most_us = budget_us
         self._is_timed = is_timed
         self._top = LEVELS.index(level)
-        self._limit = self._rank = LEVELS.index(available or level)
-        self._news = ""
+        self._rank = self._top
         self._publishing_ns = 0.0
         self._n_contacts = 0
         self._strained: deque[bool] = deque(maxlen=WINDOW)
@@ -122,13 +119,6 @@ class LevelControl:
     def is_lowered(self) -> bool:
         """Whether that is below the one asked for."""
         return self._rank < self._top
-
-    def allow(self, level: str) -> None:
-        """Go up to a level as soon as its kernels are compiled, but not above the one asked for."""
-        self._limit = min(LEVELS.index(level), self._top)
-        if self._limit > self._rank:
-            self._go_to(self._limit)
-            self._news = f"raised to {self.level}: its kernels are compiled"
 
     def sync(self, gap_ns: int) -> None:
         """Note the time from the SYNC before to this one; what is longer than a period has left some out."""
@@ -176,9 +166,6 @@ class LevelControl:
     def _adapt(self, *, is_strained: bool, is_calm: bool) -> str:
         """Note a cycle and choose the level of the next; return what there is to say."""
         self._strained.append(is_strained)
-        if self._news:
-            news, self._news = self._news, ""
-            return news
         self._n_since_raise += 1
         self._n_calm = self._n_calm + 1 if is_calm and not is_strained else 0
         if sum(self._strained) >= LOWER and (self._rank > 0 or not self._is_overloaded):
@@ -195,7 +182,7 @@ class LevelControl:
             self._is_overloaded = False
         if self._n_since_raise == self._wait and self._wait > WAIT_LEAST:  # it has lasted
             self._wait //= 2
-        if self._n_calm >= self._wait and self._rank < self._limit:
+        if self._n_calm >= self._wait and self._rank < self._top:
             self._go_to(self._rank + 1)
             self._n_since_raise = 0
             return f"raised to {self.level}: at most half the time was needed in {self._wait} cycles"

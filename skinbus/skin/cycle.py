@@ -125,8 +125,6 @@ class Cycle:
     """The readings; none is valid where the source does not carry them: from a bus."""
     truth: tuple[Touch, ...] = ()
     """The touches of a simulation when its readings were sampled; empty elsewhere."""
-    bus_loads: tuple[float, ...] | None = None
-    """Share of the last second that frames took on each bus; None where frames are not seen."""
     budget_us: float | None = None
     """Most time that the estimator had; infinite for no limit, None where it is not known."""
 

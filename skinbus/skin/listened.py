@@ -31,7 +31,6 @@ from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import carries_readings, tpdos
 from skinbus.objects.readings import N_IDS, ReadingsPlan
 from skinbus.skin.addresses import BusAddress, find_places, shown
-from skinbus.skin.bus_meter import BusMeter
 from skinbus.skin.contact import CONTACT, UNKNOWN_LEVEL, Context, Records
 from skinbus.skin.cycle import PATCH, Cycle, Readings, SkinLayout, fill_places
 from skinbus.skin.feed import Feed, Positions
@@ -106,7 +105,6 @@ class ListenCore(Core):
         self.readings = ListenedReadings(arm, plan) if readings else None
         """What the patches send as pressures, where that was asked for."""
         self._heard = Readings.none(arm.n_tactels)
-        self._meter = BusMeter(arm.buses)
         self.robot = RobotHere(arm)
         """Joint positions from the program and from drives."""
         self._sent_by = np.full((len(arm.buses), N_IDS), -1, np.int32)
@@ -142,7 +140,6 @@ class ListenCore(Core):
 
     def take(self, now_ns: int, batch: FrameBatch) -> None:
         """Note which patches send readings, and what."""
-        self._meter.take_batch(batch)
         if self.readings:
             self.readings.take(batch)
         frames = batch.frames[: batch.n]
@@ -153,7 +150,6 @@ class ListenCore(Core):
         """Take frames; return requests to the master."""
         self.robot.take(frames)
         for frame in frames:
-            self._meter.take(frame)
             p = self._sent_by[frame.bus, frame.can_id] if frame.can_id < N_IDS else -1
             if p >= 0:
                 self._heard_ns[p] = now_ns
@@ -190,7 +186,6 @@ class ListenCore(Core):
             contacts,
             self._patches(summary.t_ns),
             self._heard,
-            bus_loads=self._meter.loads(summary.t_ns),
         )
         self._feed.push(cycle)
 

@@ -6,8 +6,8 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, closing
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,11 +18,11 @@ from skinbus.can.core import Step
 from skinbus.config.system import load_arm
 from skinbus.errors import ArgumentError, BusError
 from skinbus.estimate import DEFAULT_LEVEL, LEVELS, monotonic_clock
+from skinbus.jit import on_compile
 from skinbus.master import CycleReport, Master
 from skinbus.master.commissioning.sessions import OtherMaster
 from skinbus.model import Arm
 from skinbus.skin.addresses import BusAddress, find_places, shown
-from skinbus.skin.compile_ahead import BASE, Raising, compile_missing, first_level
 from skinbus.skin.contact import Level
 from skinbus.skin.feed import Feed, Positions, offer, set_zero
 from skinbus.skin.master_cycles import CycleMaker
@@ -94,14 +94,16 @@ def refuse_other_master(bus: Bus, place: BusAddress, patience_s: float) -> None:
     other_master.refuse(str(place))
 
 
-def compile_kernels(parts: Sequence[str]) -> None:
-    """Compile what is not kept; a log says why the first start takes long."""
+def saying_why() -> AbstractContextManager[None]:
+    """Return a block in which a log says why the first start takes long, if kernels have to be compiled."""
+    said: list[int] = []
 
-    def say(n: int) -> Callable[[], None]:
-        LOG.warning("compiling the kernels: a minute or two, once; `skinbus doctor warm` does it ahead")
-        return lambda: None
+    def say() -> None:
+        if not said:
+            LOG.warning("compiling the kernels: a minute or so, once; `skinbus doctor warm` does it ahead")
+            said.append(1)
 
-    compile_missing(parts, say)
+    return on_compile(say)
 
 
 class _MasterFeed(Feed):
@@ -119,17 +121,15 @@ class _MasterFeed(Feed):
         # The buses are opened first: one that cannot be is an error at once, and other masters are detected.
         with ExitStack() as stack:
             buses = [stack.enter_context(closing(place.open())) for place in places]
-            compile_kernels(BASE)
-            available = first_level(level)
-            self._master = Master(
-                arm,
-                level=level,
-                available=available,
-                clock=monotonic_clock(),
-                stopwatch=time.perf_counter_ns,
-                on_cycle=self._on_cycle,
-                **settings,
-            )
+            with saying_why():
+                self._master = Master(
+                    arm,
+                    level=level,
+                    clock=monotonic_clock(),
+                    stopwatch=time.perf_counter_ns,
+                    on_cycle=self._on_cycle,
+                    **settings,
+                )
             for bus, place in zip(buses, places, strict=True):
                 refuse_other_master(bus, place, 2.0 / arm.bus.rate_hz)
         with ExitStack() as undo:
@@ -145,7 +145,6 @@ class _MasterFeed(Feed):
             )
             undo.pop_all()
         self._thread.start()
-        self._raising = Raising(self._master, available, level)
 
     def zero(self, patch: int | None) -> None:
         """Take new zeros at the end of the next cycle."""
@@ -160,7 +159,6 @@ class _MasterFeed(Feed):
 
     def close(self) -> None:
         """Take contacts back, stop the patches, and end the thread."""
-        self._raising.close()
         self._thread.stop()
         if self._writer:
             self._writer.close()

@@ -20,12 +20,10 @@ from skinbus.master.replay import Replay, find_sync
 from skinbus.model import Arm
 from skinbus.objects.readings import ReadingsPlan
 from skinbus.skin.addresses import channels_by_name, how_to_say
-from skinbus.skin.bus_meter import BusMeter
-from skinbus.skin.compile_ahead import parts_of
 from skinbus.skin.contact import Level
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.master_cycles import CycleMaker, played
-from skinbus.skin.opened import Channel, channel_words, check_level, compile_kernels
+from skinbus.skin.opened import Channel, channel_words, check_level, saying_why
 from skinbus.skin.skin import Skin
 
 HEAD: Final = 20_000
@@ -70,17 +68,13 @@ def replay(
     check_level(level)
     loaded = arm if isinstance(arm, Arm) else load_arm(arm, check_load=False)
     recording, new = Recording(log, loaded, channel_words(channel)), deque[Cycle]()
-    maker, meter = CycleMaker(recording.arm), BusMeter(recording.arm.buses)
-    compile_kernels(parts_of(level))
+    maker = CycleMaker(recording.arm)
 
     def on_cycle(report: CycleReport) -> None:
-        cycle = maker.make(again.master, report)
-        cycle.bus_loads = meter.loads(cycle.ended_ns)
-        new.append(cycle)
+        new.append(maker.make(again.master, report))
 
     def cycles() -> Iterator[Cycle]:
         for frame in recording:
-            meter.take(frame)
             again.take(frame)
             while new:
                 yield new.popleft()
@@ -90,9 +84,10 @@ def replay(
             raise ConfigError(recording.reader.name, [Fault("log", None, wanted)])
         yield from new
 
-    again = Replay(
-        recording.arm, sync_bus=recording.sync.bus, on_cycle=on_cycle, level=level, zero_at_start=zero
-    )
+    with saying_why():
+        again = Replay(
+            recording.arm, sync_bus=recording.sync.bus, on_cycle=on_cycle, level=level, zero_at_start=zero
+        )
     return played(f"recording {log}", cycles(), maker, again.master, realtime=realtime)
 
 
@@ -146,22 +141,17 @@ def _buses_of(arm: Arm, channels: Sequence[str], seen: Mapping[str, int], log: s
     said = channels_by_name(arm.buses, channels)
     there = ", ".join(f"{name} ({n} frame{'s' * (n > 1)})" for name, n in sorted(seen.items()))
     names: list[str] = []
-    faults: list[str] = []
     for settings, name in zip(arm.buses, said, strict=True):
-        if settings.channel in seen:
-            name = name or settings.channel
-        if len(arm.buses) == len(seen) == 1:
-            name = name or next(iter(seen))
-        if name is None and len(arm.buses) == 1:
-            faults.append("say by --channel (channel=... in Python) which of them is meant")
-        elif name is None:
-            faults.append(f"say by {how_to_say(settings)} which of them bus {settings.name} is")
-        elif name in names:
-            faults.append(f"bus {settings.name} is on {name}, as another bus is")
-        else:
-            names.append(name)
-    if faults:
-        raise AddressError(f"{log} begins with {there}: {'; '.join(faults)}")
+        if name is None and settings.channel in seen:
+            name = settings.channel
+        if name is None and len(arm.buses) == len(seen) == 1:
+            (name,) = seen
+        if name is None or name in names:
+            how, of = ("--channel (channel=... in Python)", "meant")
+            if len(arm.buses) > 1:
+                how, of = how_to_say(settings), f"bus {settings.name}"
+            raise AddressError(f"{log} begins with {there}: say by {how} which of them is {of}")
+        names.append(name)
     return {name: k for k, name in enumerate(names)}
 
 

@@ -12,12 +12,11 @@ from skinbus.config.system import ods_of
 from skinbus.estimate import DEFAULT_LEVEL
 from skinbus.master import CycleReport, Master
 from skinbus.sim import Scene, World, load_scene
-from skinbus.skin.compile_ahead import SIMULATED, parts_of
 from skinbus.skin.contact import Level
 from skinbus.skin.cycle import Cycle, Touch
 from skinbus.skin.feed import offer
 from skinbus.skin.master_cycles import CycleMaker, played
-from skinbus.skin.opened import check_level, compile_kernels
+from skinbus.skin.opened import check_level, saying_why
 from skinbus.skin.skin import Skin
 
 STEP_NS: Final = 500_000
@@ -54,7 +53,6 @@ def simulate(
     loaded = scene if isinstance(scene, Scene) else load_scene(scene)
     arm, motion, new = loaded.arm, loaded.motion, deque[Cycle]()
     maker, world = CycleMaker(arm), World(loaded, ods_of(arm))
-    compile_kernels(parts_of(level, SIMULATED))
     wires = VirtualBuses(
         [bus.bitrate for bus in arm.buses], data_bitrates=[bus.data_bitrate for bus in arm.buses]
     )
@@ -64,7 +62,6 @@ def simulate(
         # The patches sampled a little after the SYNC was sent, and well before the next.
         half = round(0.5e9 / arm.bus.rate_hz)
         cycle.truth = _truth(loaded, world.scene_time(report.t_ns + half))
-        cycle.bus_loads = tuple(wire.load() for wire in wires.wires)
         new.append(cycle)
 
     def cycles() -> Iterator[Cycle]:
@@ -75,7 +72,8 @@ def simulate(
             while new:
                 yield new.popleft()
 
-    master = Master(arm, level=level, zero_at_start=zero, on_cycle=on_cycle)
+    with saying_why():
+        master = Master(arm, level=level, zero_at_start=zero, on_cycle=on_cycle)
     wires.attach(world)
     wires.attach(master)
     if motion is not None and master.robot is not None:

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from rich.table import Table
 from rich.text import Text
 
+from skinbus.skin.contact import link_name
 from skinbus.skin.listener import ContactRow
 
 FORCE_BAR_N = 15.0
@@ -18,18 +19,15 @@ BAR_WIDTH = 15
 def contact_table(rows: Iterable[ContactRow], links: tuple[str, ...] = ()) -> Table:
     """Return a table of contacts; ``links`` gives names to link numbers."""
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for name, justify in (("contact", "right"), ("state", "left"), ("link", "left"), ("s mm", "right")):
-        table.add_column(name, justify=justify)  # type: ignore[arg-type]
-    table.add_column("a mm", justify="right")
-    table.add_column("force N", justify="right")
+    for name in ("contact", "state", "link", "s mm", "a mm", "force N"):
+        table.add_column(name, justify="left" if name in ("state", "link") else "right")
     table.add_column("", width=BAR_WIDTH)
     for row in rows:
-        link = links[row.link] if row.link < len(links) else str(row.link)
         bar = Text("█" * min(BAR_WIDTH, round(BAR_WIDTH * row.force / FORCE_BAR_N)), style="green")
         table.add_row(
             str(row.id),
             row.state.name.lower(),
-            link,
+            link_name(links, row.link),
             f"{row.s * 1e3:.1f}",
             f"{row.a * 1e3:.1f}",
             f"{row.force:.2f}",

@@ -160,13 +160,3 @@ def test_cycle_that_is_late_is_counted_and_says_so(timed):
     assert get(timed.master, OVERRUNS) == before + 1
     (report,), _, _ = timed.run(20)
     assert CycleFlags.OVERRUN not in report.flags
-
-
-def test_level_that_is_compiled_while_the_master_runs_is_used_from_the_next_cycle():
-    rig = Rig("pad", level="fit", available="kmeans")
-    reports, _, _ = rig.run(1000)
-    assert {report.level for report in reports} == {"kmeans"}
-    rig.master.allow("fit")
-    reports, events, _ = rig.run(500)
-    assert {report.level for report in reports} == {"fit"}
-    assert [e.detail for e in events if e.kind == "level"] == ["raised to fit: its kernels are compiled"]

@@ -1,7 +1,6 @@
 """Processes around shared memory: one that writes cycles without end, and what a cycle of it must hold.
 
 python -m tests.skin.shared_processes write NAME [PAUSE_S]   until it is killed; half cycles, too
-python -m tests.skin.shared_processes read NAME N            N snapshots; prints how many were torn
 """
 
 import sys
@@ -97,13 +96,5 @@ def crafted_memory(name, at, value):
 
 
 if __name__ == "__main__":
-    action, name, *rest = sys.argv[1:]
-    if action == "write":
-        write(name, float(rest[0]) if rest else 0.0)
-    else:
-        began = time.monotonic()
-        n_read, n_torn, n_missed, n_distinct = read(name, int(float(rest[0])))
-        seconds = time.monotonic() - began
-        print(
-            f"{n_read} snapshots of {n_distinct} cycles in {seconds:.0f} s: {n_torn} torn, {n_missed} retried"
-        )
+    action, name, *pause_s = sys.argv[1:]
+    write(name, *map(float, pause_s))

@@ -100,16 +100,6 @@ def test_positions_that_are_old_make_the_base_invalid_not_wrong(scene):
     np.testing.assert_allclose(cycle.robot.link_wrench[0, :3], [0, 0, -contact.force], atol=1e-9)
 
 
-def test_times_of_positions_may_be_given(scene):
-    with skinbus.simulate(scene) as skin:
-        for cycle in skin:
-            later_ns = cycle.t_ns + round(1e9 * skin.period_s)
-            skin.set_joints({"second": 0.2, "first": 3e-9 * later_ns}, t_ns=later_ns)
-            if cycle.t_ns > 0.5e9:
-                break
-    np.testing.assert_allclose(cycle.joint_positions, [3e-9 * cycle.t_ns, 0.2], atol=1e-9)
-
-
 @pytest.mark.slow
 def test_a_contact_that_is_not_seen_has_no_place_in_the_base(tmp_path):
     folder = write(tmp_path, FROM_PYTHON)

@@ -14,7 +14,6 @@ from skinbus.skin.shared_memory import SLOTS, SharedReader, SharedWriter, path_o
 from tests.skin.shared_processes import CRAFTED, LAYOUT, crafted_memory, read, uniform
 
 N_SNAPSHOTS = 20_000
-"""In the suite; ``python -m tests.skin.shared_processes read NAME 1e7`` beside a writer reads more."""
 
 
 @pytest.fixture
@@ -152,18 +151,6 @@ def test_only_plain_files_of_a_trusted_owner_are_opened_and_the_error_names_the_
     path.chmod(0o644)
     os.truncate(path, 1 << 40)
     refused("wanted at most")
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="gives files to another user")
-def test_a_name_that_somebody_else_has_taken_is_an_error_that_names_the_owner(name):
-    with SharedNew(name):
-        memory = path_of(name).read_bytes()
-    path_of(name).write_bytes(memory)
-    os.chown(path_of(name), pwd.getpwnam("nobody").pw_uid, -1)
-    for use in (lambda: SharedReader(name), lambda: SharedWriter(name, LAYOUT)):
-        with pytest.raises(ShareError, match="of user nobody is neither yours"):
-            use()
-    assert path_of(name).exists()
 
 
 def test_names_of_links_and_buses_and_the_table_of_patches_are_in_it(name):

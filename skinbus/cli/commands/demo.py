@@ -23,7 +23,6 @@ from skinbus.cli.stop_signals import Ending
 from skinbus.config.system import ods_of
 from skinbus.master import CycleReport, Master
 from skinbus.sim import Scene, World, load_scene
-from skinbus.skin.compile_ahead import SIMULATED, parts_of
 from skinbus.study.score import Points, Score
 
 STEADY_CHANGE = 0.1
@@ -57,7 +56,7 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
     """
     played = load_scene(scene)
     console = Console()
-    with compiling(console, parts_of(level, SIMULATED)):
+    with compiling(console):
         demo = Demo(played, level)
     rate = played.arm.bus.rate_hz
     console.print(

@@ -112,7 +112,6 @@ def _write_recording(
     from skinbus.cli.formatting import counted
     from skinbus.cli.host import compiling
     from skinbus.cli.recorded import Recorded
-    from skinbus.skin.compile_ahead import parts_of
 
     is_mcap = out.suffix.lower() == ".mcap"
     files = [out] if is_mcap else [out, out.with_name(f"{out.stem}.contacts{out.suffix}")]
@@ -120,7 +119,7 @@ def _write_recording(
         _check(file)
     module = import_module(f"skinbus.cli.export.{out.suffix.lower().removeprefix('.')}")
     console = Console(stderr=True)
-    with compiling(console, parts_of(level)):
+    with compiling(console):
         recorded = Recorded(str(log), arm, channels, level=level, zero=zero)
     about = {"arm": arm.name, "log": log.name, "skinbus": __version__, "level": level}
     with ExitStack() as stack:

@@ -108,11 +108,10 @@ def _time_levels(arm: Arm, contacts: int, console: Console) -> dict[str, int]:
     """Return the 99th percentile of a cycle's compute time by level, ns, measured here."""
     import numpy as np
 
-    from skinbus.skin.compile_ahead import PARTS
     from skinbus.study.instant import time_cycles
 
     n = min(contacts, arm.n_patches)
-    with compiling(console, tuple(PARTS)), console.status("timing the levels on this machine ..."):
+    with compiling(console), console.status("timing the levels on this machine ..."):
         return {
             # Time of this thread: what other programs take is not a property of the plan.
             level: round(

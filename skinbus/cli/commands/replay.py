@@ -27,7 +27,6 @@ from skinbus.cli.recorded import Recorded, RecordedCycle
 from skinbus.config.system import load_arm
 from skinbus.estimate import TrackState
 from skinbus.master.replay import Replay
-from skinbus.skin.compile_ahead import parts_of
 from skinbus.skin.contact import Contact
 
 COLUMNS: Final = (
@@ -90,7 +89,7 @@ def command(
             events.take(event)
 
     source = _standard_input() if log == "-" else log
-    with compiling(console, parts_of(level)):
+    with compiling(console):
         recorded = Recorded(source, loaded, channels, level=level, zero=zero, on_event=on_event)
     with open(out, "w", encoding="utf-8", newline="") if out else nullcontext() as file:
         table = csv.writer(file, lineterminator="\n") if file else None

@@ -43,21 +43,12 @@ STALE_CYCLES: Final = 10
 
 
 class Lines(NamedTuple):
-    """Line segments in the base frame."""
+    """Line segments, or arrows from their tail to their head, in the base frame."""
 
     points: Floats
     """(n, 2, 3) m."""
     colours: Colours
-    """(n, 2, 3)"""
-
-
-class Arrows(NamedTuple):
-    """Arrows in the base frame, from their tail to their head."""
-
-    points: Floats
-    """(n, 2, 3) m."""
-    colours: Colours
-    """(n, 3)"""
+    """(n, 2, 3) of lines, (n, 3) of arrows."""
 
 
 class Label(NamedTuple):
@@ -77,11 +68,11 @@ class Drawing:
     """By link, (n_tactels of the link, 3)."""
     boards: Lines
     """Edges of boards that are not operational; lost ones are crossed out."""
-    forces: Arrows
+    forces: Lines
     ellipses: Lines
     trails: Lines
     labels: tuple[Label, ...]
-    true_forces: Arrows
+    true_forces: Lines
     truths: Lines
     has_readings: bool
 
@@ -145,7 +136,7 @@ class Drawer:
                 parts.append((self._line(board.link, *at), colours.LOST if is_lost else colours.WAITING))
         return _joined(parts)
 
-    def _arrows(self, pushes: Sequence[Contact | Touch], tints: Sequence[Colour]) -> Arrows:
+    def _arrows(self, pushes: Sequence[Contact | Touch], tints: Sequence[Colour]) -> Lines:
         """Return arrows that push on the surface, with their heads where they do."""
         points = []
         for push in pushes:
@@ -153,7 +144,7 @@ class Drawer:
             head = placed(X, push.point + LIFT * push.normal)
             length = min(max(push.force * LENGTH_PER_N, SHORTEST), LONGEST)
             points.append([head + length * turned(X, push.normal), head])
-        return Arrows(np.array(points).reshape(-1, 2, 3), np.array(tints, np.uint8).reshape(-1, 3))
+        return Lines(np.array(points).reshape(-1, 2, 3), np.array(tints, np.uint8).reshape(-1, 3))
 
     def _ellipses(self, contacts: Sequence[Contact], tints: Sequence[Colour]) -> Lines:
         """Return the ellipses of contacts whose covariance is known."""

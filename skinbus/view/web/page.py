@@ -165,11 +165,6 @@ class Page:
         self._build(server.gui)
         server.on_client_connect(self._add_zeros)
 
-    @property
-    def port(self) -> int:
-        """Where it is served."""
-        return self.server.get_port()
-
     def run(self, seconds: float | None = None, is_over: Callable[[], bool] = lambda: False) -> None:
         """Draw until ``stop`` is called or ``is_over``, or for so long."""
         asyncio.run_coroutine_threadsafe(self._run(seconds, is_over), self.server.get_event_loop()).result()
@@ -208,7 +203,7 @@ class Page:
             if shown != (drawing.number, drawing.is_stale) or self._is_changed:
                 self._is_changed = False
                 with self.server.atomic():
-                    self.scene.show(drawing, [part for box, part in self._parts if not box.value])
+                    self.scene.show(drawing)
                 self.n_drawn += 1
                 self.drawing = drawing
         if time.monotonic() - self._panel_s >= PANEL_S:
@@ -237,19 +232,14 @@ class Page:
         with tabs.add_tab("Cycle"):
             self._cycle = gui.add_html("")
         with tabs.add_tab("Show"):
-            labels = gui.add_checkbox("Ids and forces", True)
-            trails = gui.add_checkbox("Trails of 2 s", True)
-            truth = gui.add_checkbox("Truth of a scene", True)
             full = gui.add_slider("Brightest, kPa", 5.0, 250.0, 5.0, colours.FULL_KPA)
-        self._parts = [(labels, "labels"), (trails, "trails"), (truth, "truths"), (truth, "true_forces")]
 
         async def change(_: Any) -> None:
             self._drawer.full_pa = 1e3 * full.value
             self._legend.content = panels.legend(full.value)
             self._is_changed = True
 
-        for control in (labels, trails, truth, full):
-            control.on_update(change)
+        full.on_update(change)
 
     def _add_playback(self, gui: viser.GuiApi, player: Player) -> None:
         """Add the controls of a recording."""

@@ -121,23 +121,18 @@ def board_name(arm: Arm, patch: int) -> str:
 
 
 def cycle_table(cycle: Cycle, latencies_s: Floats, period_ms: float) -> str:
-    """Return what the newest cycle says of itself, and how much of their time its buses are taken."""
+    """Return what the newest cycle says of itself."""
     budget_us, late = cycle.budget_us, "&ndash;"
     budget = UNKNOWN if budget_us is None else f"{1e-3 * budget_us:.1f} ms"
     if len(latencies_s):
         middle, most = 1e3 * np.percentile(latencies_s, (50, 99))
         late = f"p50 {middle:.1f}, p99 {most:.1f}, max {1e3 * latencies_s.max():.1f} ms"
-    loads = {"": UNKNOWN}
-    if cycle.bus_loads is not None:
-        pairs = zip(cycle.layout.buses, cycle.bus_loads, strict=True)
-        loads = {text(name): f"{100.0 * load:.0f} %" for name, load in pairs}
     rows = {
         "level": cycle.level or UNKNOWN,
         "time for the estimator": "no limit" if budget_us == math.inf else budget,
         "flags": ", ".join(str(flag.name).lower().replace("_", " ") for flag in cycle.flags) or "none",
         "SYNC to contacts": f"{1e3 * cycle.latency_s:.1f} ms of {period_ms:.1f} ms",
         "over the last 20 s": late,
-        **{f"load of bus {name}".strip(): load for name, load in loads.items()},
         "SYNC": str(cycle.counter),
     }
     return panel(table(rows.items(), ("key", "")))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -21,7 +20,7 @@ from trimesh.convex import convex_hull
 from skinbus.model import Arm, Surface
 from skinbus.model.mesh_surface import MeshSurface
 from skinbus.view.web import colours
-from skinbus.view.web.drawing import Arrows, Drawing, Label, Lines
+from skinbus.view.web.drawing import Drawing, Lines
 from skinbus.view.web.poses import Poses, placed
 
 Mesh = tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]
@@ -70,7 +69,7 @@ class SceneNodes:
         self._links = [scene.add_frame(f"/link {k}", show_axes=False) for k in range(len(arm.links))]
         self._bodies = [link_mesh(link.surface) for link in arm.links]
         self._tactels = [self._add_link(k) for k in range(len(arm.links))]
-        self._lines = {
+        self._lines: dict[str, Any] = {
             name: scene.add_line_segments(
                 f"/{name}",
                 np.zeros((1, 2, 3)),
@@ -152,29 +151,22 @@ class SceneNodes:
         if self._robot is not None:
             self._robot.update_cfg(self._poses.joints)
 
-    def show(self, drawing: Drawing, hidden: Sequence[str] = ()) -> None:
-        """Draw a cycle, but for parts that are hidden, by their names in ``Drawing``."""
+    def show(self, drawing: Drawing) -> None:
+        """Draw a cycle."""
         for node, tints in zip(self._tactels, drawing.tactels, strict=True):
             if node is not None:
                 node.batched_colors = colours.for_instances(tints, LIT)
-        for name, node in self._lines.items():
+        for name, node in (self._lines | self._arrows).items():
             lines: Lines = getattr(drawing, name)
-            node.visible = bool(len(lines.points)) and name not in hidden
+            node.visible = bool(len(lines.points))
             if node.visible:  # nodes of viser are never empty
-                node.points, node.colors = (
-                    lines.points.astype(np.float32),
-                    colours.for_instances(lines.colours),
-                )
-        for name, node in self._arrows.items():
-            arrows: Arrows = getattr(drawing, name)
-            node.visible = bool(len(arrows.points)) and name not in hidden
-            if node.visible:
-                node.points, node.colors = arrows.points, colours.for_instances(arrows.colours, LIT)
-        labels: Sequence[Label] = () if "labels" in hidden else drawing.labels
+                light = LIT if name in self._arrows else 1.0
+                node.points = lines.points.astype(np.float32)
+                node.colors = colours.for_instances(lines.colours, light)
         for n, label in enumerate(self._labels):
-            label.visible = n < len(labels)
+            label.visible = n < len(drawing.labels)
             if label.visible:
-                label.position, label.text = labels[n]
+                label.position, label.text = drawing.labels[n]
 
     def aim(self) -> None:
         """Point the cameras at the whole arm as it stands, from the side and above."""

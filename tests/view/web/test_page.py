@@ -138,7 +138,7 @@ def test_browser_shows_pressures_contact_and_lost_board_where_they_are(shown, ta
     drawn, shown_on = tab.page.evaluate(PIXELS)
     assert drawn == pytest.approx(0.5 * shown_on, abs=1)  # a quarter of the pixels without a graphics card
     assert tab.errors == []
-    assert tab.strangers(page.port) == []
+    assert tab.strangers(page.server.get_port()) == []
 
 
 @pytest.mark.slow
@@ -171,7 +171,7 @@ def test_recording_is_played_and_stepped(open_tab, tmp_path):
         eventually(lambda: shown.page.drawing.number == number + 2)
         assert len(shown.page.drawing.labels) == 1
         assert tab.errors == []
-        assert tab.strangers(shown.page.port) == []
+        assert tab.strangers(shown.page.server.get_port()) == []
     finally:
         shown.close()
 
@@ -221,6 +221,6 @@ def test_page_says_that_the_bus_is_gone_and_goes_on_when_it_is_back(scripted, sc
 
 @pytest.mark.slow
 def test_page_opened_without_the_token_only_shows(scripted, open_tab):
-    tab = open_tab(f"http://127.0.0.1:{scripted.page.port}/")
+    tab = open_tab(f"http://127.0.0.1:{scripted.page.server.get_port()}/")
     tab.page.get_by_text("live").wait_for(state="attached")
     assert tab.page.get_by_role("button", name="Zero").count() == 0

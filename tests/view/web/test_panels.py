@@ -70,9 +70,8 @@ def test_cycle_says_its_level_its_time_and_how_late_it_is():
     shown = panels.cycle_table(made_cycle(1), latencies, 20.0)
     for words in ("fit", "5.0 ms of 20.0 ms", "p50 5.0, p99 5.0, max 5.0 ms"):
         assert words in shown
-    assert shown.count("not known from here") == 2  # its buses are not seen, nor its budget
-    shown = panels.cycle_table(made_cycle(1, bus_loads=(0.614,), budget_us=12_340.0), latencies, 20.0)
-    assert "61 %" in shown
+    assert "not known from here" in shown  # its budget
+    shown = panels.cycle_table(made_cycle(1, budget_us=12_340.0), latencies, 20.0)
     assert "12.3 ms" in shown
     assert "no limit" in panels.cycle_table(made_cycle(1, budget_us=np.inf), latencies, 20.0)
 

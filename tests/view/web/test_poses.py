@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skinbus.config.system import load_arm
-from skinbus.view.web.poses import Poses, placed, turned
+from skinbus.view.web.poses import Poses, placed
 from tests.robot.two_joints import ARM, write
 
 
@@ -18,13 +18,6 @@ def test_links_without_a_robot_stand_in_a_row_and_do_not_overlap():
     assert (np.diff(np.ravel(ends)) > 0.0).all()
     assert "no [robot]" in poses.note
     assert Poses(load_arm("forearm")).note == ""
-
-
-def test_points_are_moved_and_directions_turned():
-    X = np.eye(4)
-    X[:3, :3], X[:3, 3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], (1.0, 2.0, 3.0)
-    assert placed(X, np.array([1.0, 0.0, 0.0])) == pytest.approx([1.0, 3.0, 3.0])
-    assert turned(X, np.array([1.0, 0.0, 0.0])) == pytest.approx([0.0, 1.0, 0.0])
 
 
 def test_links_follow_the_joints_where_these_are_known(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 
 from skinbus.config.system import load_arm
 from skinbus.model import Surface
-from skinbus.view.web.scene import UNDER, board_meshes, link_mesh, quaternions, unit_disc
+from skinbus.view.web.scene import UNDER, board_meshes, link_mesh, quaternions
 
 
 def outward(mesh, from_point):
@@ -58,9 +58,3 @@ def test_discs_face_along_the_normals():
     for (w, x, y, z), normal in zip(quaternions(normals).astype(float), normals, strict=True):
         turned = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)]
         assert turned == pytest.approx(normal, abs=1e-6)
-    for n in (4, 16):
-        disc = unit_disc(n)
-        assert outward(disc, np.array([0.0, 0.0, -1.0])) == pytest.approx(1.0)
-        a, b, c = (disc[0][disc[1][:, k]] for k in range(3))
-        area = 0.5 * n * np.sin(2 * np.pi / n)
-        assert 0.5 * np.cross(b - a, c - a)[:, 2].sum() == pytest.approx(area, rel=1e-6)

@@ -32,7 +32,7 @@ def shown():
 
 
 def opened(shown, path="", **settings):
-    url = f"ws://127.0.0.1:{shown.page.port}/{path}"
+    url = f"ws://127.0.0.1:{shown.page.server.get_port()}/{path}"
     times = {"open_timeout": PATIENCE_S, "close_timeout": 0.05}
     return connect(url, subprotocols=[PROTOCOL], **times, **settings)
 
@@ -63,13 +63,15 @@ def test_connection_of_another_site_or_with_two_hosts_is_closed(shown):
     with opened(shown, origin="http://elsewhere.example") as link:
         assert closed_with(link) == 1008
     twice = [("Host", "elsewhere.example")]
-    with opened(shown, origin=f"http://127.0.0.1:{shown.page.port}", additional_headers=twice) as link:
+    with opened(
+        shown, origin=f"http://127.0.0.1:{shown.page.server.get_port()}", additional_headers=twice
+    ) as link:
         assert closed_with(link) == 1008
 
 
 def test_only_pages_of_the_link_with_the_token_may_change_something(shown):
     server = shown.page.server
-    assert shown.url.endswith(f"ws://127.0.0.1:{shown.page.port}/{server.token}")
+    assert shown.url.endswith(f"ws://127.0.0.1:{shown.page.server.get_port()}/{server.token}")
     for path, may_change in (("", False), ("wrong", False), (server.token, True)):
         with opened(shown, path) as link:
             link.recv(PATIENCE_S)
