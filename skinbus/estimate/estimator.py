@@ -102,6 +102,10 @@ class Estimator:
         self._run(self._touched, self._rank)
         self._work.random[0] = 1 + seed % 2147483646  # the generator's states are 1 ... 2^31 - 2
 
+    def allow(self, level: str) -> None:
+        """Let cycles have a higher level, whose kernels are compiled by now."""
+        self.level, self._rank = level, LEVELS.index(level)
+
     def update(
         self,
         pressures: npt.ArrayLike,

@@ -69,6 +69,10 @@ def runtime_int(n: int) -> int:
     return n + 0
 
 
+class CompileRefused(Exception):
+    """A kernel would have to be compiled."""
+
+
 class _Listener(event.Listener):
     """Calls a function before each compilation."""
 
@@ -94,3 +98,8 @@ def on_compile(call: Callable[[], object]) -> Iterator[None]:
         yield
     finally:
         event.unregister("numba:compile", listener)  # type: ignore[no-untyped-call]
+
+
+def refuse() -> None:
+    """Raise CompileRefused: for :func:`on_compile`, where kernels may be loaded only."""
+    raise CompileRefused

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import socket
 import sys
+from contextlib import nullcontext
 
 import click
 
@@ -15,6 +17,7 @@ from skinbus.cli.host import compiling
 from skinbus.cli.output import echo
 from skinbus.estimate import LEVELS
 from skinbus.jit.kernel_files import kernel_folder
+from skinbus.skin.compile_ahead import ARM
 from skinbus.skin.simulated import simulate
 
 
@@ -32,14 +35,19 @@ def command() -> None:
     if hasattr(os, "SCHED_BATCH"):  # who starts this may have the priority of a master
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     os.nice(10)
-    with compiling(Console()):
+    folder = kernel_folder()
+    with (
+        (folder.path / "warm.lock").open("a") if folder.path else nullcontext() as lock,
+        compiling(Console()),
+    ):
+        if lock:  # everything is compiled once, however many ask for it
+            fcntl.flock(lock, fcntl.LOCK_EX)
         if sys.platform == "linux":
             with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
                 BatchReader(sock, MonotonicClock(), 1)
         for level in LEVELS:
-            with simulate("pad", level=level) as skin:  # the smallest arm: kernels are the same for all
+            with simulate(ARM, level=level) as skin:  # the smallest arm: kernels are the same for all
                 next(skin)
-    folder = kernel_folder()
     if folder.path is None:
         echo(f"skinbus: the kernels cannot be kept: {folder.fault}", err=True)
         sys.exit(1)
