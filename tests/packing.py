@@ -1,9 +1,12 @@
 """Counts of an arm as the frames that carry them: what all patches send in one cycle."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.can.frame import LONG, MAX_DATA
+from skinbus.objects.contacts import FORCE_STEP, LENGTH_STEP, PAYLOAD
 
 
 def pack(plan, counts, batch, t_ns=0, stamps=None):
@@ -30,3 +33,16 @@ def pack(plan, counts, batch, t_ns=0, stamps=None):
     batch.t_ns[first:last] = t_ns
     batch.n = last
     return plan.n_frames
+
+
+def unpack_contacts(payloads):
+    """Return the contacts in payloads of 8 bytes each, as columns in SI units."""
+    records = np.frombuffer(bytes(payloads), PAYLOAD)
+    return SimpleNamespace(
+        id=records["id"],
+        link=records["link_state"] & 0xF,
+        state=records["link_state"] >> 4,
+        s=records["s"] * LENGTH_STEP,
+        a=records["a"] * LENGTH_STEP,
+        force=records["force"] * FORCE_STEP,
+    )

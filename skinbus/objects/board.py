@@ -21,6 +21,15 @@ from skinbus.objects.profile import Name, current, index_of, look_up, look_up_ar
 LAW_CONE: Final = 0
 LAW_RADIAL: Final = 1
 
+_OPTIONAL: Final = (
+    profile.TACTEL_WIDTH,
+    profile.TACTEL_BIAS_PA,
+    profile.RESIDUAL_MAP,
+    profile.MISFIT_PROFILE,
+    profile.TYPICAL_FORCE,
+)
+"""What boards of others need not have."""
+
 _MAP_HEADER: Final = struct.Struct("<BBHf")
 """Tactels, points along an axis, step in um, 1/m^2 of one count."""
 
@@ -87,33 +96,38 @@ def calibration_values(
         KeyError: the dictionary has no such object.
         ValueError: the law's table does not fit the dictionary's.
     """
-    numbers: dict[Name, Number] = {profile.FORCE_EXPONENT: law.exponent, profile.LAW_MISFIT: law.misfit}
-    columns: dict[Name, Any] = {profile.TACTEL_GAIN: gain, profile.TACTEL_NOISE_PA: noise}
-    response: dict[Name, Any] = {profile.TACTEL_WIDTH: width, profile.TACTEL_BIAS_PA: bias}
-    typical = 0.0
+    values: dict[Name, Any] = {
+        profile.FORCE_EXPONENT: law.exponent,
+        profile.LAW_MISFIT: law.misfit,
+        profile.TYPICAL_FORCE: 0.0,
+        profile.TACTEL_GAIN: gain,
+        profile.TACTEL_NOISE_PA: noise,
+        profile.TACTEL_WIDTH: width,
+        profile.TACTEL_BIAS_PA: bias,
+        profile.RESIDUAL_MAP: encode_map(residual_map),
+    }
     if isinstance(law, Radial):
         n, room = len(law.table), len(look_up_array(od, profile.RADIAL_LAW))
         if n > room:
             raise ValueError(f"the law has {n} points, the dictionary room for {room}")
-        step_um, typical = round(1e6 * law.step), law.typical_force
+        step_um = round(1e6 * law.step)
         d = 1e-6 * step_um * np.arange(n)  # the table is that of the rounded step
-        numbers |= {profile.LAW_KIND: LAW_RADIAL, profile.RADIAL_STEP_UM: step_um, profile.RADIAL_POINTS: n}
-        columns[profile.RADIAL_LAW] = law.profile(d)
         spread = np.zeros(n) if law.misfit_profile is None else law.misfit_profile
-        response[profile.MISFIT_PROFILE] = np.interp(d, law.step * np.arange(n), spread)
+        values |= {profile.LAW_KIND: LAW_RADIAL, profile.RADIAL_STEP_UM: step_um, profile.RADIAL_POINTS: n}
+        values |= {profile.RADIAL_LAW: law.profile(d), profile.TYPICAL_FORCE: law.typical_force}
+        values[profile.MISFIT_PROFILE] = np.interp(d, law.step * np.arange(n), spread)
     else:
-        numbers |= {profile.LAW_KIND: LAW_CONE, profile.CONE_SLOPE: law.slope}
-    columns |= {name: column for name, column in response.items() if name.object in od.names}
-    optional: dict[Name, Number] = {
-        profile.RESIDUAL_MAP: encode_map(residual_map),
-        profile.TYPICAL_FORCE: typical,
-    }
-    numbers |= {name: value for name, value in optional.items() if _has(od, name)}
-    found = {index_of(od, name): value for name, value in numbers.items()}
-    for name, column in columns.items():
-        values = np.asarray(column, np.float64).tolist()
-        for variable, value in zip(look_up_array(od, name), values, strict=False):
-            found[variable.index, variable.subindex] = value
+        values |= {profile.LAW_KIND: LAW_CONE, profile.CONE_SLOPE: law.slope}
+    found: dict[tuple[int, int], Number] = {}
+    for name, value in values.items():
+        if name in _OPTIONAL and not _has(od, name):
+            continue
+        if isinstance(value, int | float | bytes):
+            found[index_of(od, name)] = value
+        else:
+            column = np.asarray(value, np.float64).tolist()
+            for variable, number in zip(look_up_array(od, name), column, strict=False):
+                found[variable.index, variable.subindex] = number
     return found
 
 

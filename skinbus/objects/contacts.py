@@ -1,4 +1,4 @@
-"""Contacts in TPDOs: columns in SI units to payloads of 8 bytes, and back; what does not fit saturates.
+"""Contacts in TPDOs: columns in SI units to payloads of 8 bytes; what does not fit saturates.
 
 ::
 
@@ -12,7 +12,7 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Any, Final, NamedTuple
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -37,20 +37,6 @@ class ContactState(IntEnum):
     LIFT = 3
     COAST = 4
     """Not seen in this cycle: place and force are those of when it was last seen."""
-
-
-class ContactColumns(NamedTuple):
-    """Contacts as columns, (n,) each."""
-
-    id: npt.NDArray[np.uint8]
-    link: npt.NDArray[np.uint8]
-    state: npt.NDArray[np.uint8]
-    s: npt.NDArray[np.float64]
-    """m"""
-    a: npt.NDArray[np.float64]
-    """m"""
-    force: npt.NDArray[np.float64]
-    """N"""
 
 
 def pack_contacts(
@@ -79,29 +65,6 @@ def pack_contacts(
     records["a"] = _saturate(a, LENGTH_STEP, -0x8000, 0x7FFF)
     records["force"] = _saturate(force, FORCE_STEP, 0, 0xFFFF)
     return records.view(np.uint8).reshape(-1, PAYLOAD.itemsize)
-
-
-def unpack_contacts(payloads: npt.NDArray[np.uint8] | bytes) -> ContactColumns:
-    """Return the contacts in payloads of 8 bytes each: the inverse of :func:`pack_contacts`.
-
-    Raises:
-        ValueError: the length is not a multiple of 8 bytes.
-    """
-    if isinstance(payloads, bytes | bytearray):
-        flat: Any = np.frombuffer(payloads, np.uint8)
-    else:
-        flat = np.ascontiguousarray(payloads, np.uint8).reshape(-1)
-    if flat.size % PAYLOAD.itemsize:
-        raise ValueError(f"{flat.size} bytes are not a multiple of {PAYLOAD.itemsize}")
-    records = flat.view(PAYLOAD)
-    return ContactColumns(
-        records["id"].copy(),
-        records["link_state"] & 0xF,
-        records["link_state"] >> 4,
-        records["s"] * LENGTH_STEP,
-        records["a"] * LENGTH_STEP,
-        records["force"] * FORCE_STEP,
-    )
 
 
 def _saturate(values: npt.ArrayLike, step: float, low: int, high: int) -> npt.NDArray[np.float64]:

@@ -19,7 +19,7 @@ from skinbus.errors import EdsError, Fault
 from skinbus.file_bytes import read_bytes
 from skinbus.objects import cia
 from skinbus.objects.eds import find_eds
-from skinbus.objects.eds_file import MAX_BYTES, EdsFile, decode_text, read_text
+from skinbus.objects.eds_file import MAX_BYTES, decode_text, read_text
 from skinbus.objects.eds_text import EdsText
 from skinbus.objects.eds_values import REAL32, REAL64, TYPES, Number, encode
 from skinbus.objects.pdo import Direction
@@ -217,12 +217,11 @@ def dcf_text(
             continue
         spelled = _spell(number, variable.data_type)
         if variable.generated:
-            edits.put(f"{variable.section}Value", str(sub), spelled)
+            edits.put_listed(f"{variable.section}Value", str(sub), spelled)
         else:
             edits.put(variable.section, "ParameterValue", spelled)
     if faults:
         raise EdsError(name, faults)
-    _count_values(file, edits, values)
     if file_name:
         old = file.section("FileInfo")
         if old and old.get("FileName") and not old.get("LastEDS"):
@@ -233,19 +232,6 @@ def dcf_text(
     if bitrate:
         edits.put("DeviceComissioning", "Baudrate", str(bitrate // 1000))
     return edits.text()
-
-
-def _count_values(file: EdsFile, edits: EdsText, values: Iterable[tuple[int, int]]) -> None:
-    """Bring NrOfEntries of the [xxxxValue] sections up to date."""
-    added: dict[str, set[str]] = {}
-    for index, sub in values:
-        variable = file.variable(index, sub)
-        if variable is not None and variable.generated:
-            added.setdefault(f"{variable.section}Value", set()).add(str(sub))
-    for name, subs in added.items():
-        section = file.section(name)
-        old = {key for key in section.keys if key != "nrofentries"} if section else set()
-        edits.put(name, "NrOfEntries", str(len(old | subs)))
 
 
 def _spell(number: Number, data_type: int) -> str:

@@ -31,9 +31,6 @@ class DrivePosition(NamedTuple):
         """Return the counts in a frame, None if its length is wrong."""
         if len(data) != self.length:
             return None
-        if not (self.offset | self.bits) & 7:  # whole bytes, as of nearly all drives
-            first = self.offset >> 3
-            return int.from_bytes(data[first : first + (self.bits >> 3)], "little", signed=self.signed)
         value = int.from_bytes(data, "little") >> self.offset & (1 << self.bits) - 1
         return value - (1 << self.bits) if self.signed and value >> (self.bits - 1) else value
 

@@ -7,7 +7,6 @@ compact arrays into None, and raises on files that are not UTF-8 (canopen 2.4.1,
 
 from __future__ import annotations
 
-import gc
 import os
 import pickle
 from functools import cache
@@ -47,7 +46,7 @@ def load_eds(
     if not 1 <= node_id <= cia.MAX_NODE_ID:
         raise ValueError(f"node_id is {node_id}; wanted 1..{cia.MAX_NODE_ID}")
     path = find_eds(name_or_path)
-    template = _copy(_compile(path, path.stat().st_mtime_ns, settings, serial))
+    template: _Template = pickle.loads(_compile(path, path.stat().st_mtime_ns, settings, serial))
     if template.commissioned not in (0, node_id):
         fault = Fault("[DeviceComissioning] NodeID", template.commissioned, f"{node_id}, the node it is for")
         raise EdsError(str(path), [fault])
@@ -107,18 +106,6 @@ def _compile(path: Path, _mtime_ns: int, settings: Settings, serial: int) -> byt
     return pickle.dumps(_Template(file))
 
 
-def _copy(template: bytes) -> _Template:
-    """Return a template of its own; the garbage collector waits, which would look ten times in between."""
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        copy: _Template = pickle.loads(template)
-    finally:
-        if was_enabled:
-            gc.enable()
-    return copy
-
-
 class _Template:
     """An object dictionary not yet resolved for a node, and the values that depend on the node-ID."""
 
@@ -154,10 +141,8 @@ class _Template:
         variable.access_type = source.access
         variable.pdo_mappable = source.mappable
         variable.min, variable.max = source.low, source.high  # type: ignore[assignment]  # REAL limits
-        variable.unit, variable.factor = source.unit, source.factor
-        variable.description = source.description
-        fixed = source.access in ("ro", "const") and source.value is not None
-        default = source.value if fixed else source.default
+        is_fixed = source.access in ("ro", "const")
+        default = (source.value if is_fixed else None) or source.default
         variable.relative = default is not None and default.relative
         for field, value in (("default", default), ("value", source.value)):
             if value is not None and value.relative and isinstance(value.number, int):

@@ -38,7 +38,6 @@ DOMAIN: Final = 0x2
 OBJECT_TYPES: Final = {0x0: "NULL", DOMAIN: "DOMAIN", 0x5: "DEFTYPE", 0x6: "DEFSTRUCT", VAR: "VAR"}
 GROUP_TYPES: Final = {ARRAY: "ARRAY", RECORD: "RECORD"}
 ACCESS_TYPES: Final = ("ro", "wo", "rw", "rwr", "rww", "const")
-LISTS: Final = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")
 
 _SECTION = re.compile(r"\[(?P<name>[^\]]*)\]")
 _OBJECT = re.compile(r"(?P<index>[0-9a-f]{4})(?:sub(?P<sub>[0-9a-f]{1,2}))?")
@@ -75,9 +74,6 @@ class Variable:
     default: Value | None
     value: Value | None
     """ParameterValue of a DCF; it wins over the default."""
-    unit: str = ""
-    factor: float = 1.0
-    description: str = ""
     generated: bool = False
     """Stands in no section of its own (compact sub-objects)."""
 
@@ -107,7 +103,6 @@ class Entry:
     name: str
     object_type: int
     variables: dict[int, Variable] = field(default_factory=dict)
-    sub_number: int | None = None
     compact: bool = False
 
     @property
@@ -189,12 +184,11 @@ def read_text(text: str, *, name: str) -> EdsFile:
     _read_sections(file, text)
     if not any(n in ("fileinfo", "deviceinfo") or _OBJECT.fullmatch(n) for n in file.sections):
         return EdsFile(name, faults=FaultList([Fault("file", None, "an EDS or DCF: it has no [FileInfo]")]))
-    for section in list(file.sections.values()):
-        match = _OBJECT.fullmatch(section.name.lower())
+    matches = [(section, _OBJECT.fullmatch(name)) for name, section in file.sections.items()]
+    for section, match in matches:
         if match and match["sub"] is None:
             _read_object(file, section, int(match["index"], 16))
-    for section in list(file.sections.values()):
-        match = _OBJECT.fullmatch(section.name.lower())
+    for section, match in matches:
         if match and match["sub"] is not None:
             _read_sub_object(file, section, int(match["index"], 16), int(match["sub"], 16))
     return file
@@ -240,7 +234,6 @@ def _read_object(file: EdsFile, section: Section, index: int) -> None:
     if not entry.is_group:
         entry.variables[0] = _read_variable(file, section, index, 0, name, object_type)
         return
-    entry.sub_number = file.integer(section.name, "SubNumber")
     if section.get("CompactSubObj"):
         _expand_compact(file, section, entry)
 
@@ -283,21 +276,12 @@ def _read_variable(
     for key in ("LowLimit", "HighLimit", "DefaultValue", "ParameterValue"):
         text = section.get(key)
         parsed = parse_value(text, data_type) if text and data_type else None
-        is_limit = key.endswith("Limit")
-        if (
-            isinstance(parsed, Value)
-            and is_limit
-            and (parsed.relative or not isinstance(parsed.number, int | float))
-        ):
-            parsed = "a plain number"
+        if isinstance(parsed, Value) and key.endswith("Limit"):
+            is_plain = not parsed.relative and isinstance(parsed.number, int | float)
+            parsed = parsed if is_plain else "a plain number"
         if isinstance(parsed, str):
             file.fault(section.name, key, text, parsed)
         values[key] = parsed if isinstance(parsed, Value) else None
-    try:
-        factor = float(section.get("Factor") or 1.0)
-    except ValueError:
-        file.fault(section.name, "Factor", section.get("Factor"), "a number")
-        factor = 1.0
     low, high, default, value = values.values()
     return Variable(
         section.name,
@@ -311,9 +295,6 @@ def _read_variable(
         high.number if high else None,  # type: ignore[arg-type]
         default,
         value,
-        unit=section.get("Unit"),
-        factor=factor,
-        description=section.get("Description"),
     )
 
 
@@ -340,9 +321,6 @@ def _expand_compact(file: EdsFile, section: Section, entry: Entry) -> None:
         wanted = f"1 to 254, {MAX_SECTIONS} in a file"
         file.fault(section.name, "CompactSubObj", section.get("CompactSubObj"), wanted)
         return
-    if entry.sub_number:
-        file.fault(section.name, "SubNumber", entry.sub_number, "none beside CompactSubObj")
-        entry.sub_number = None
     entry.compact = True
     model = replace(_read_variable(file, section, entry.index, 1, entry.name, VAR), generated=True)
     names = _compact_list(file, f"{section.name}Name", count)
@@ -372,7 +350,4 @@ def _compact_list(file: EdsFile, name: str, count: int) -> dict[int, str]:
             file.fault(name, key, text, f"a sub-index from 1 to {count}")
         else:
             lines[sub] = text
-    if section and file.integer(name, "NrOfEntries") != len(lines):
-        entries = section.get("NrOfEntries") or None
-        file.fault(name, "NrOfEntries", entries, f"{len(lines)}, the number of lines")
     return lines

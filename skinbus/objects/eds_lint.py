@@ -1,4 +1,6 @@
-"""Lint of EDS and DCF files: everything that reading does not check and ``dcfchk`` lets pass.
+"""Lint of EDS and DCF files: what would keep a board from working, and reading does not find.
+
+The lists of objects and the numbers of [DeviceInfo] are not looked at: nothing here uses them.
 
 Faults read ``[section] key: is <seen>; wanted <wanted>``, all of a file at once.
 Source: CiA 306-1, 4.6; CiA 301, 7.4.3 (sub-index 0), 7.5.2.33 to 7.5.2.38 (PDO parameters),
@@ -10,14 +12,13 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from difflib import get_close_matches
-from itertools import combinations
 from typing import Final, NamedTuple
 
-from skinbus.can.fd import CLASSIC_BYTES, LENGTHS
+from skinbus.can.fd import CLASSIC_BYTES, MAX_BYTES
 from skinbus.errors import FaultList
 from skinbus.objects import cia
-from skinbus.objects.eds_file import LISTS, MAX_SECTIONS, EdsFile, Entry, Variable
-from skinbus.objects.eds_values import TYPES, UNSIGNED8, UNSIGNED16, UNSIGNED32, VISIBLE_STRING, parse_integer
+from skinbus.objects.eds_file import EdsFile, Entry, Variable
+from skinbus.objects.eds_values import TYPES, UNSIGNED8, UNSIGNED16, UNSIGNED32, VISIBLE_STRING
 from skinbus.objects.pdo import MAX_DUMMY, Direction, split_mapping
 from skinbus.objects.profile import FRAME_BYTES
 
@@ -35,24 +36,22 @@ _KEYS: Final = (
 _OBJECT = re.compile(r"[0-9a-f]{4}(sub[0-9a-f]{1,2})?")
 _OBJECT_LIKE = re.compile(r"[0-9a-f]{4}(sub[0-9a-f]{1,2}|name|value|denotation|objectlinks)?")
 
-_VARIABLES: Final = {
-    UNSIGNED8: (cia.ERROR_REGISTER, cia.LIFE_TIME_FACTOR, cia.SYNC_COUNTER_OVERFLOW),
+_DATA_TYPES: Final = {
+    UNSIGNED8: (cia.ERROR_REGISTER, cia.LIFE_TIME_FACTOR, cia.SYNC_COUNTER_OVERFLOW, cia.ERROR_BEHAVIOR),
     UNSIGNED16: (cia.GUARD_TIME, cia.EMCY_INHIBIT, cia.HEARTBEAT_PRODUCER),
     UNSIGNED32: (
-        *(cia.DEVICE_TYPE, cia.SYNC_COB_ID, cia.SYNC_PERIOD, cia.SYNC_WINDOW),
-        cia.EMCY_COB_ID,
-    ),
-    VISIBLE_STRING: (cia.DEVICE_NAME, cia.HARDWARE_VERSION, cia.SOFTWARE_VERSION),
-}
-"""Objects whose data type CiA 301 fixes."""
-_GROUPS: Final = {
-    UNSIGNED8: (cia.ERROR_BEHAVIOR,),
-    UNSIGNED32: (
+        *(cia.DEVICE_TYPE, cia.SYNC_COB_ID, cia.SYNC_PERIOD, cia.SYNC_WINDOW, cia.EMCY_COB_ID),
         *(cia.ERROR_HISTORY, cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS),
         *(cia.HEARTBEAT_CONSUMER, cia.IDENTITY, cia.VERIFY_CONFIGURATION),
     ),
+    VISIBLE_STRING: (cia.DEVICE_NAME, cia.HARDWARE_VERSION, cia.SOFTWARE_VERSION),
 }
-"""The same of arrays and records, from sub-index 1 on."""
+"""Objects whose data type CiA 301 fixes; of arrays and records from sub-index 1 on."""
+_GROUPS: Final = (
+    *(cia.ERROR_BEHAVIOR, cia.ERROR_HISTORY, cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS),
+    *(cia.HEARTBEAT_CONSUMER, cia.IDENTITY, cia.VERIFY_CONFIGURATION),
+)
+"""Those that are arrays and records."""
 _PDO_PARAMETERS: Final = {
     cia.PDO_COB_ID: UNSIGNED32,
     cia.PDO_TYPE: UNSIGNED8,
@@ -68,6 +67,9 @@ class _Identifier(NamedTuple):
     variable: Variable
     base: int
     relative: bool
+
+    def at(self, node_id: int) -> int:
+        return self.base + self.relative * node_id
 
     def __str__(self) -> str:
         return f"$NODEID+0x{self.base:X}" if self.relative else f"0x{self.base:X}"
@@ -92,8 +94,6 @@ def _mandatory(file: EdsFile) -> None:
     for index in MANDATORY_OBJECTS:
         if index not in file.objects:
             file.fault(f"{index:04X}", "", None, "this object: CiA 301 makes it mandatory")
-    if cia.IDENTITY in file.objects and file.variable(cia.IDENTITY, cia.IDENTITY_VENDOR) is None:
-        file.fault(f"{cia.IDENTITY:04X}sub1", "", None, "the vendor-ID: CiA 301 makes it mandatory")
 
 
 def _spelling(file: EdsFile) -> None:
@@ -110,53 +110,11 @@ def _spelling(file: EdsFile) -> None:
                     file.fault(section.name, section.spelling[key], text, f"the key {known[near[0]]}")
 
 
-def _lists(file: EdsFile) -> None:
-    """Each object stands in one list, the right one, and each list counts its objects."""
-    listed: dict[int, str] = {}
-    for name in LISTS:
-        section = file.section(name)
-        if section is None:
-            continue
-        if len(section.keys) > MAX_SECTIONS:
-            file.fault(name, "", None, f"at most {MAX_SECTIONS} objects")
-            continue
-        numbered = {
-            parse_integer(key): text for key, text in section.keys.items() if key != "supportedobjects"
-        }
-        if parse_integer(section.get("SupportedObjects")) != len(numbered):
-            seen = section.get("SupportedObjects") or None
-            file.fault(name, "SupportedObjects", seen, f"{len(numbered)}, the number of objects listed")
-        for number, text in numbered.items():
-            index = parse_integer(text)
-            if index is None:
-                file.fault(name, str(number), text, "an index such as 0x1018")
-                continue
-            if index not in file.objects:
-                file.fault(name, str(number), text, f"a section [{index:04X}] for it")
-            elif index in listed:
-                file.fault(name, str(number), text, f"it once; it is in [{listed[index]}] already")
-            elif _list_of(index) != name:
-                file.fault(name, str(number), text, f"it in [{_list_of(index)}]")
-            listed.setdefault(index, name)
-    for index, entry in file.objects.items():
-        if index >= 0x1000 and index not in listed:  # below are types of the file's own
-            file.fault(entry.section, "", None, f"its index in [{_list_of(index)}]")
-
-
-def _list_of(index: int) -> str:
-    if index in MANDATORY_OBJECTS:
-        return LISTS[0]
-    return LISTS[2] if 0x2000 <= index < 0x6000 else LISTS[1]
-
-
 def _groups(file: EdsFile) -> None:
-    """SubNumber counts the sub-objects; sub-index 0 is an UNSIGNED8 that says the highest of them."""
+    """Sub-index 0 is an UNSIGNED8 that says the highest of the others."""
     for entry in file.objects.values():
         if not entry.is_group or entry.compact:
             continue
-        if entry.sub_number != len(entry.variables):
-            wanted = f"{len(entry.variables)}, the number of sub-objects"
-            file.fault(entry.section, "SubNumber", entry.sub_number, wanted)
         sub0 = entry.variables.get(0)
         if sub0 is None:
             file.fault(f"{entry.section}sub0", "", None, "the number of entries, UNSIGNED8")
@@ -172,16 +130,16 @@ def _groups(file: EdsFile) -> None:
 
 
 def _known_types(file: EdsFile) -> None:
-    for data_types, is_group in ((_VARIABLES, False), (_GROUPS, True)):
-        for data_type, indices in data_types.items():
-            for entry in (file.objects[index] for index in indices if index in file.objects):
-                if entry.is_group != is_group:
-                    wanted = "0x8 or 0x9, with sub-objects" if is_group else "0x7, VAR"
-                    file.fault(entry.section, "ObjectType", f"0x{entry.object_type:X}", wanted)
-                    continue
-                for sub, variable in entry.variables.items():
-                    if (0 < sub < 0xFF or not is_group) and not (variable.generated and sub > 1):
-                        _data_type(file, variable, data_type)
+    for data_type, indices in _DATA_TYPES.items():
+        for entry in (file.objects[index] for index in indices if index in file.objects):
+            is_group = entry.index in _GROUPS
+            if entry.is_group != is_group:
+                wanted = "0x8 or 0x9, with sub-objects" if is_group else "0x7, VAR"
+                file.fault(entry.section, "ObjectType", f"0x{entry.object_type:X}", wanted)
+                continue
+            for sub, variable in entry.variables.items():
+                if (0 < sub < 0xFF or not is_group) and not (variable.generated and sub > 1):
+                    _data_type(file, variable, data_type)
 
 
 def _data_type(file: EdsFile, variable: Variable, wanted: int) -> None:
@@ -203,37 +161,6 @@ def _limits(file: EdsFile) -> None:
                 file.fault(variable.section, key, value.number, f"at least {low:g}, the low limit")
             if high is not None and value.number > high:
                 file.fault(variable.section, key, value.number, f"at most {high:g}, the high limit")
-
-
-def _names(file: EdsFile) -> None:
-    """A manufacturer's objects are distinguished by name."""
-    seen: dict[str, str] = {}
-    for entry in file.objects.values():
-        if 0x2000 <= entry.index < 0x6000 and seen.setdefault(entry.name, entry.section) != entry.section:
-            wanted = f"a name of its own; [{seen[entry.name]}] has it"
-            file.fault(entry.section, "ParameterName", entry.name, wanted)
-
-
-def _device_info(file: EdsFile) -> None:
-    section = file.section("DeviceInfo")
-    if section is None:
-        return
-    if not any(parse_integer(text) for key, text in section.keys.items() if key.startswith("baudrate_")):
-        wanted = "1 for at least one of 10, 20, 50, 125, 250, 500, 800, 1000"
-        file.fault(section.name, "BaudRate_*", None, wanted)
-    for key, sub in (
-        ("VendorNumber", cia.IDENTITY_VENDOR),
-        ("ProductNumber", cia.IDENTITY_PRODUCT),
-        ("RevisionNumber", cia.IDENTITY_REVISION),
-    ):
-        variable = file.variable(cia.IDENTITY, sub)
-        number, identity = file.integer(section.name, key), variable.number if variable else None
-        if number and identity and number != identity:
-            file.fault(section.name, key, section.get(key), f"0x{identity:X}, as in [1018sub{sub}]")
-    for key, direction in (("NrOfRXPDO", Direction.RPDO), ("NrOfTXPDO", Direction.TPDO)):
-        wanted = f"{len(_communication(file, direction))}, the PDOs from [{direction.communication:04X}] on"
-        if parse_integer(section.get(key) or "0") != len(_communication(file, direction)):
-            file.fault(section.name, key, section.get(key) or None, wanted)
 
 
 def _communication(file: EdsFile, direction: Direction) -> list[Entry]:
@@ -290,7 +217,7 @@ def _mapping(file: EdsFile, direction: Direction, mapping: Entry) -> None:
             for each in wanted:
                 file.fault_at(variable, f"0x{variable.number:08X}", each)
     frame = _frame_bytes(file)
-    most = 8 * (CLASSIC_BYTES if frame is None or frame.number is None else frame.number)
+    most = 8 * min((frame and frame.number) or CLASSIC_BYTES, MAX_BYTES)
     if total > most:
         file.fault(mapping.section, "", f"{total} bits mapped in all", f"at most {most}")
 
@@ -300,13 +227,6 @@ def _frame_bytes(file: EdsFile) -> Variable | None:
     entries = (entry for entry in file.objects.values() if entry.name == FRAME_BYTES.object)
     members = (v for entry in entries for v in entry.variables.values() if v.name == FRAME_BYTES.member)
     return next(members, None)
-
-
-def _frame_lengths(file: EdsFile) -> None:
-    variable = _frame_bytes(file)
-    if variable is not None and variable.number not in LENGTHS[CLASSIC_BYTES:]:
-        known = ", ".join(map(str, LENGTHS[CLASSIC_BYTES:]))
-        file.fault_at(variable, variable.number, f"a length of a frame: {known}")
 
 
 def _mapped_object(file: EdsFile, direction: Direction, value: int) -> list[str]:
@@ -340,16 +260,21 @@ def _identifiers(file: EdsFile) -> None:
     others = ((cia.SYNC_COB_ID, 0), (cia.EMCY_COB_ID, 0), (cia.SDO_SERVER, 1), (cia.SDO_SERVER, 2))
     found = [i for v in [*pdos, *(file.variable(*place) for place in others)] if (i := _identifier(v))]
     for identifier in found:
-        first, last = identifier.base + identifier.relative, identifier.base + 127 * identifier.relative
         for restricted in cia.RESTRICTED_IDS if identifier.variable in pdos else ():
-            if first < restricted.stop and last >= restricted.start:
+            if identifier.at(1) < restricted.stop and identifier.at(127) >= restricted.start:
                 ends = f"0x{restricted.start:03X}-0x{restricted.stop - 1:03X}"
                 file.fault_at(identifier.variable, str(identifier), f"an identifier outside {ends}")
-    for one, other in combinations(found, 2):
-        node_id = _clash(one, other)
-        if node_id is not None:
-            place = f" on node {node_id}" if node_id else ""
-            file.fault_at(other.variable, str(other), f"another: [{one.variable.section}] has {one}{place}")
+    clashes: dict[tuple[int, int], int] = {}
+    for node_id in range(1, cia.MAX_NODE_ID + 1):
+        owners: dict[int, int] = {}
+        for k, identifier in enumerate(found):
+            owner = owners.setdefault(identifier.at(node_id), k)
+            if owner != k:
+                clashes.setdefault((owner, k), node_id)
+    for (first, second), node_id in clashes.items():
+        one, other = found[first], found[second]
+        place = "" if one.relative == other.relative else f" on node {node_id}"
+        file.fault_at(other.variable, str(other), f"another: [{one.variable.section}] has {one}{place}")
 
 
 def _identifier(variable: Variable | None) -> _Identifier | None:
@@ -362,16 +287,12 @@ def _identifier(variable: Variable | None) -> _Identifier | None:
     return _Identifier(variable, variable.number & cia.COB_ID_MASK_11, variable.current.relative)
 
 
-def _clash(first: _Identifier, second: _Identifier) -> int | None:
-    """Return the node-ID on which two identifiers are one, 0 if on all; None if on none."""
-    if first.relative == second.relative:
-        return 0 if first.base == second.base else None
-    relative, absolute = (first, second) if first.relative else (second, first)
-    node_id = absolute.base - relative.base
-    return node_id if 1 <= node_id <= cia.MAX_NODE_ID else None
-
-
 _RULES: Final = (
-    *(_mandatory, _spelling, _lists, _groups, _known_types, _limits, _names, _device_info),
-    *(_frame_lengths, _pdos, _identifiers),
+    _mandatory,
+    _spelling,
+    _groups,
+    _known_types,
+    _limits,
+    _pdos,
+    _identifiers,
 )

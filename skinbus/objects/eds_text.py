@@ -31,6 +31,12 @@ class EdsText:
                 last = k
         lines.insert(last + 1, f"{key}={value}")
 
+    def put_listed(self, section: str, key: str, value: object) -> None:
+        """Put a key into a section that counts its keys."""
+        self.put(section, key, value)
+        numbered = [line for line in self.sections[section.lower()] if line[:1].isdigit()]
+        self.put(section, "NrOfEntries", len(numbered))
+
     def list_objects(self, section: str, indices: Iterable[str]) -> None:
         """Make a section list these objects."""
         listed = list(indices)

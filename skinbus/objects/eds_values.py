@@ -82,8 +82,7 @@ MAX_DIGITS: Final = 100
 """Of an integer; 64 bits have 22 in the longest spelling."""
 
 _INTEGER = re.compile(r"[+-]?(?:0x[0-9a-f]+|0[0-7]*|[1-9][0-9]*)", re.IGNORECASE)
-_NODE_FIRST = re.compile(r"\$nodeid(?:\+(?P<offset>.+))?", re.IGNORECASE)
-_NODE_LAST = re.compile(r"(?P<offset>.+)\+\$nodeid", re.IGNORECASE)
+_RELATIVE = re.compile(r"\$nodeid(?:\+(.+))?|(.+)\+\$nodeid", re.IGNORECASE)
 
 
 def parse_integer(text: str) -> int | None:
@@ -118,10 +117,10 @@ def _parse_integer_value(text: str, kind: DataType) -> Value | str:
     spelled = re.sub(r"\s+", "", text.partition(";")[0])
     relative = "$nodeid" in spelled.lower()
     if relative:
-        match = _NODE_FIRST.fullmatch(spelled) or _NODE_LAST.fullmatch(spelled)
+        match = _RELATIVE.fullmatch(spelled)
         if match is None:
             return "$NODEID or $NODEID+number"
-        spelled = match["offset"] or "0"
+        spelled = match[1] or match[2] or "0"
     number = parse_integer(spelled)
     if number is None:
         return f"{kind.name}: 10, 0x0A or 012, or $NODEID+number"
@@ -164,31 +163,6 @@ def encode(number: Number, data_type: int) -> bytes:
         return number.encode("utf-16-le" if data_type == UNICODE_STRING else "latin-1", errors="replace")
     if data_type in (REAL32, REAL64):
         return struct.pack("<f" if data_type == REAL32 else "<d", float(number))
-    if (
-        not kind.is_integer
-        or not math.isfinite(number)
-        or int(number) != number
-        or not kind.low <= number <= kind.high
-    ):
+    if not kind.low <= number <= kind.high or int(number) != number:  # false for NaN and what is no integer
         raise ValueError(f"{number!r} does not fit {kind.name}")
     return int(number).to_bytes((kind.bits + 7) // 8, "little", signed=kind.low < 0)
-
-
-def decode(data: bytes, data_type: int) -> Number:
-    """Return the value of bytes on the wire; the inverse of :func:`encode`.
-
-    Raises:
-        ValueError: the length is not that of the data type.
-    """
-    kind = TYPES[data_type]
-    if kind.bits and len(data) != (kind.bits + 7) // 8:
-        raise ValueError(f"{len(data)} bytes are not one {kind.name}")
-    if kind.is_integer:
-        return int.from_bytes(data, "little", signed=kind.low < 0)
-    if data_type in (REAL32, REAL64):
-        return float(struct.unpack("<f" if data_type == REAL32 else "<d", data)[0])
-    if data_type == VISIBLE_STRING:
-        return data.decode("latin-1").rstrip("\0")
-    if data_type == UNICODE_STRING:
-        return data.decode("utf-16-le", errors="replace").rstrip("\0")
-    return bytes(data)

@@ -22,9 +22,8 @@ from skinbus.model.patch import MAX_TACTELS, grid
 from skinbus.objects import cia
 from skinbus.objects.dcf import dcf_text
 from skinbus.objects.eds import build_od, find_eds
-from skinbus.objects.eds_file import EdsFile, read_text
+from skinbus.objects.eds_file import read_text
 from skinbus.objects.eds_text import EdsText
-from skinbus.objects.eds_values import Number
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
 
 BASES: Final = (*cia.TPDO_BASES, *cia.RPDO_BASES)
@@ -46,11 +45,8 @@ PRODUCT: Final = 0x6000
 N_SHIPPED: Final = 0x10
 """Tactels of the shipped boards; only arrays by tactel have so many elements."""
 
-DESCRIPTION: Final = range(0x2000, 0x2050)
-"""Objects of a board of ours that say what its readings mean."""
-
 PLACE: Final = 0x5F00
-"""Where they are in the DCF of a module: the end of the manufacturer's area, which few use."""
+"""Where tactels are described in the DCF of a module: the end of the manufacturer's area, which few use."""
 
 HEARTBEAT_MS: Final = 500
 """Of a module, as of the boards that are shipped."""
@@ -116,7 +112,8 @@ class NewBoard:
                 eds.put(f"{axis}sub{k:X}", "DefaultValue", round(1000 * mm))
         bits, title = self.reading_bits, f"skin patch {self.columns} x {self.rows}, {self.reading_bits} bit"
         width, height = (round(1000 * (self.pitch_mm * k + ROOM_MM)) for k in (self.columns, self.rows))
-        for section, value in {
+        del eds.sections["comments"]
+        values = {
             "2000sub1": self.n_tactels,
             "2000sub2": width,
             "2000sub3": height,
@@ -126,29 +123,16 @@ class NewBoard:
             "2040": f"0x{(1 << self.n_tactels) - 1:016X}",
             "1008": title,
             "1018sub2": f"0x{PRODUCT:08X}",
-        }.items():
-            eds.put(section, "DefaultValue", value)
-        for section, key, value in (
-            ("FileInfo", "FileName", self.name),
-            ("FileInfo", "Description", title),
-            ("DeviceInfo", "ProductName", title),
-            ("DeviceInfo", "ProductNumber", f"0x{PRODUCT:08X}"),
-            ("DeviceInfo", "OrderCode", f"SP-{self.columns}{self.rows}-{bits}"),
-            ("DeviceInfo", "NrOfTXPDO", self.n_tpdos),
-            (
-                "Comments",
-                "Line1",
-                f"{title} readings in TPDO 1-{self.n_tpdos}, tactels at {self.pitch_mm:g} mm.",
-            ),
-            ("Comments", "Line2", f"Readings are left-adjusted: full scale is 0x{(1 << bits - 1) - 1:X}."),
-            (
-                "Comments",
-                "Line3",
-                "Law, noise and thresholds are those of another cover until it is calibrated.",
-            ),
-            ("Comments", "Line4", "Vendor-ID and product code are not assigned: replace them by yours."),
-        ):
-            eds.put(section, key, value)
+            "FileInfo FileName": self.name,
+            "FileInfo Description": title,
+            "DeviceInfo ProductName": title,
+            "DeviceInfo ProductNumber": f"0x{PRODUCT:08X}",
+            "DeviceInfo OrderCode": f"SP-{self.columns}{self.rows}-{bits}",
+            "DeviceInfo NrOfTXPDO": self.n_tpdos,
+        }
+        for place, value in values.items():
+            section, _, key = place.partition(" ")
+            eds.put(section, key or "DefaultValue", value)
         objects = [n.upper() for n in eds.sections if re.fullmatch("[16][0-9a-f]{3}", n)]
         eds.list_objects("OptionalObjects", [n for n in objects if n not in ("1000", "1001", "1018")])
         return eds
@@ -190,36 +174,27 @@ def module_dcf(text: str, board: NewBoard, *, name: str = "EDS") -> str:
     """Return the text of a DCF that makes a board of a module; ``text`` is that of its EDS.
 
     Raises:
-        EdsError: the file has faults, its places are taken, or it does not send one reading for each tactel.
+        EdsError: the file has faults, or it does not send one reading for each tactel.
     """
     file = read_text(text, name=name)
-    if file.faults:
-        raise EdsError(name, file.faults)
-    taken = [index for index in file.objects if PLACE <= index < PLACE + len(DESCRIPTION)]
-    wanted = "nothing: tactels are described there"
-    faults = [Fault(f"0x{index:04X}", "an object", wanted) for index in taken]
-    values = _module_values(file, board.n_tactels, faults)
-    if faults:
-        raise EdsError(name, faults)
-    eds = EdsText(dcf_text(text, values, name=name, file_name=board.name))
-    for section, lines in board.eds().sections.items():
-        if re.match("20[0-4]", section):
-            index = f"{PLACE + int(section[:4], 16) - DESCRIPTION.start:04X}"
-            body = [re.sub("^AccessType=.*", "AccessType=const", line) for line in lines[1:]]
-            eds.sections[f"{index}{section[4:]}".lower()] = [f"[{index}{section[4:]}]", *body]
-    objects = [n.upper() for n in eds.sections if re.fullmatch("[2-5][0-9a-f]{3}", n)]
-    eds.list_objects("ManufacturerObjects", objects)
-    return eds.text()
-
-
-def _module_values(file: EdsFile, n_tactels: int, faults: list[Fault]) -> dict[tuple[int, int], Number]:
-    """Return what is written to the module; add a fault where it is no board of so many tactels."""
     carriers = [pdo for pdo in tpdos(build_od(file, 1)) if carries_readings(pdo)]
     sent = sorted(entry.sub for pdo in carriers for entry in readings_in(pdo))
-    if sent != list(range(1, n_tactels + 1)):
-        faults.append(Fault("TPDOs", f"readings {sent}", f"readings 1 to {n_tactels}, one for each tactel"))
-    values: dict[tuple[int, int], Number] = {(cia.HEARTBEAT_PRODUCER, 0): HEARTBEAT_MS}
+    if sent != list(range(1, board.n_tactels + 1)):
+        wanted = f"readings 1 to {board.n_tactels}, one for each tactel"
+        file.faults.append(Fault("TPDOs", f"readings {sent}", wanted))
+    if file.faults:
+        raise EdsError(name, file.faults)
+    values = {(cia.HEARTBEAT_PRODUCER, 0): HEARTBEAT_MS}
     for pdo in carriers:
         index = cia.TPDO_COMMUNICATION + pdo.number - 1
         values |= {(index, cia.PDO_TYPE): 1, (index, cia.PDO_INHIBIT): 0, (index, cia.PDO_EVENT_TIMER): 0}
-    return {place: value for place, value in values.items() if file.variable(*place) is not None}
+    values = {place: value for place, value in values.items() if file.variable(*place) is not None}
+    eds = EdsText(dcf_text(text, values, name=name, file_name=board.name))
+    for section, lines in board.eds().sections.items():
+        if re.match("20[0-4]", section):
+            place_of = f"{PLACE + int(section[:4], 16) - 0x2000:04X}"
+            body = [re.sub("^AccessType=.*", "AccessType=const", line) for line in lines[1:]]
+            eds.sections[f"{place_of}{section[4:]}".lower()] = [f"[{place_of}{section[4:]}]", *body]
+    objects = [n.upper() for n in eds.sections if re.fullmatch("[2-5][0-9a-f]{3}", n)]
+    eds.list_objects("ManufacturerObjects", objects)
+    return eds.text()

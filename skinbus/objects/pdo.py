@@ -9,14 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from typing import Final
 
-from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
+from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.can.fd import CLASSIC_BYTES, MAX_BYTES, frame_length
 from skinbus.objects import cia
 from skinbus.objects.eds_values import TYPES
-from skinbus.objects.profile import FRAME_BYTES, current, look_up
+from skinbus.objects.profile import FRAME_BYTES, current, look_up, number_at
 
 MAX_DUMMY: Final = 0x1F
 """Highest index that stands for a data type, not an object."""
@@ -100,7 +101,7 @@ def compile_pdo(
     Raises:
         KeyError: the dictionary has no such PDO.
     """
-    read = read or _file_values(od)
+    read = read or partial(number_at, od)
     communication, mapping = direction.communication + number - 1, direction.mapping + number - 1
     parameters = od.indices[communication]
 
@@ -158,24 +159,9 @@ def _compile_entries(od: ObjectDictionary, mapping: int, read: ReadValue) -> tup
     offset = 0
     for sub in range(1, read(mapping, 0) + 1):
         index, sub_index, bits = split_mapping(read(mapping, sub))
-        data_type = index if index <= MAX_DUMMY else _data_type(od, index, sub_index)
+        variable = od.get_variable(index, sub_index)
+        data_type = index if index <= MAX_DUMMY or variable is None else variable.data_type
         signed = data_type in TYPES and TYPES[data_type].low < 0
         entries.append(PdoEntry(index, sub_index, offset, bits, signed))
         offset += bits
     return tuple(entries)
-
-
-def _data_type(od: ObjectDictionary, index: int, sub: int) -> int:
-    found = od.indices.get(index)
-    if isinstance(found, ODRecord | ODArray):
-        found = found.subindices.get(sub)
-    return found.data_type or 0 if isinstance(found, ODVariable) else 0
-
-
-def _file_values(od: ObjectDictionary) -> ReadValue:
-    def read(index: int, sub: int) -> int:
-        variable = od.indices[index].subindices.get(sub)
-        value = None if variable is None else current(variable)
-        return value if isinstance(value, int) else 0
-
-    return read

@@ -69,11 +69,9 @@ class SampleStatus(IntFlag):
 
 
 # --- Master ----------------------------------------------------------------------------------------
-CYCLE_FLAGS = Name("Cycle", "Cycle flags")
 CYCLES = Name("Cycle", "Cycles")
 OVERRUNS = Name("Cycle", "Overruns")
 LEVEL = Name("Cycle", "Level")
-BUDGET_US = Name("Cycle", "Budget us")
 CUT_SHORT = Name("Cycle", "Cut short")
 FRAMES_ACCEPTED = Name("Frames", "Accepted")
 FRAMES_UNKNOWN = Name("Frames", "Unknown")

@@ -46,29 +46,24 @@ def apply_settings(file: EdsFile, settings: Settings) -> None:
         for variable in _variables(entry) if entry.is_group else ():
             for name in (variable.name, f"{entry.name}/{variable.name}"):
                 members.setdefault(name, []).append([variable])
+    named = members | objects
     for name, setting in settings:
         values = setting if isinstance(setting, tuple) else (setting,)
         match = _INDEX.fullmatch(name)
-        found = _at(file, match) if match else objects.get(name) or members.get(name, [])
+        found = _at(file, match) if match else named.get(name, [])
         targets = found[0] if len(found) == 1 else []
-        kinds = {target.data_type for target in targets}
         seen: object = None
         if match and not found:
             wanted = "an object that exists"
         elif not found:
-            near = get_close_matches(name, [*objects, *(n for n in members if "/" not in n)], 3)
+            near = get_close_matches(name, [n for n in named if "/" not in n], 3)
             hint = f" such as {' or '.join(repr(n) for n in near)}" if near else ""
             wanted = f"a name in the file{hint}, or an index such as 0x2030:01"
         elif len(found) > 1:
             where = " or ".join(f"0x{v.index:04X}:{v.sub:02X}" for v, *_ in found[:4])
             wanted = f"a name of one object; it may be {where}"
-        elif len(kinds) > 1:
-            group = file.objects[targets[0].index].name
-            wanted = f"one member of the record, such as {group}/{targets[0].name}"
-        elif isinstance(setting, tuple) != (len(targets) != 1):
+        elif len(values) != len(targets) or isinstance(setting, tuple) != (len(targets) != 1):
             seen, wanted = setting, "one value" if len(targets) == 1 else f"a list of {len(targets)} values"
-        elif len(values) != len(targets):
-            seen, wanted = f"{len(values)} values", f"a list of {len(targets)}"
         else:
             for target, value in zip(targets, values, strict=True):
                 _set(file, name, target, value)
@@ -107,20 +102,14 @@ def _variables(entry: Entry) -> list[Variable]:
 
 
 def _set(file: EdsFile, name: str, target: Variable, value: Scalar) -> None:
-    kind = TYPES[target.data_type]
     if target.access in ("ro", "const"):
         _fault(file, name, value, f"an object that can be written; [{target.section}] is {target.access}")
         return
     parsed = parse_value(value, target.data_type) if isinstance(value, str) else _number(value, target)
-    number = parsed.number if isinstance(parsed, Value) and not parsed.relative else None
     if isinstance(parsed, str):
         _fault(file, name, value, parsed)
-    elif kind.is_integer and isinstance(number, int) and target.low is not None and number < target.low:
-        _fault(file, name, value, f"at least {target.low:g}, the low limit of [{target.section}]")
-    elif kind.is_integer and isinstance(number, int) and target.high is not None and number > target.high:
-        _fault(file, name, value, f"at most {target.high:g}, the high limit of [{target.section}]")
     else:
-        target.value = parsed
+        target.value = parsed  # its limits are looked at with those of the file
 
 
 def _number(value: bool | int | float, target: Variable) -> Value | str:

@@ -7,9 +7,10 @@ import pytest
 from skinbus.cli.console import Console
 from skinbus.cli.live import Screen, rows_of
 from skinbus.config.system import load_arm
-from skinbus.objects.contacts import ContactState, unpack_contacts
+from skinbus.objects.contacts import ContactState
 from skinbus.view.unrolled import CONTACT_STYLE, LOST, Unrolled
 from tests.master.rig import Rig
+from tests.packing import unpack_contacts
 
 CONTACT_IDS = range(0x681, 0x691)
 

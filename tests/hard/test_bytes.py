@@ -10,12 +10,11 @@ from skinbus.master.cycle import Cycle
 from skinbus.master.gather import FrameCounters, Gather
 from skinbus.master.publish import Publisher
 from skinbus.node.device import Device
-from skinbus.objects.contacts import unpack_contacts
 from skinbus.objects.eds import load_eds
 from skinbus.objects.profile import contact
 from skinbus.objects.readings import ReadingsPlan
 from tests.hard.check import check_contacts
-from tests.packing import pack
+from tests.packing import pack, unpack_contacts
 
 PERIOD_NS = 20_000_000
 N_QUIET = 30

@@ -11,9 +11,10 @@ from skinbus.config.arm_file import find_arm
 from skinbus.master.level_control import with_level
 from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
-from skinbus.objects.contacts import ContactState, unpack_contacts
+from skinbus.objects.contacts import ContactState
 from skinbus.sim.scene_file import SCENES
 from tests.master.rig import Rig
+from tests.packing import unpack_contacts
 
 CONTACT_IDS = range(0x681, 0x691)
 SUMMARY_ID = 0x180 + 127

@@ -184,7 +184,7 @@ def test_values_of_compact_arrays_get_a_section_of_their_own(tmp_path):
     path = tmp_path / "master.dcf"
     write_dcf("skin-master", path, {(0x1016, 3): 5, (0x1016, 120): 0x10})
     write_dcf(path, path, {(0x1016, 3): 7, (0x1016, 4): 9})
-    assert "[1016Value]\n3=7\n120=16\nNrOfEntries=3\n4=9\n" in path.read_text()
+    assert "[1016Value]\n3=7\nNrOfEntries=3\n120=16\n4=9\n" in path.read_text()
     od = load_eds(path, 127)
     assert [od[0x1016][k].value for k in (2, 3, 4, 120)] == [None, 7, 9, 0x10]
     run = dcfchk(path, tmp_path)

@@ -55,14 +55,6 @@ def test_the_module_is_given_only_what_it_has(dcf):
         assert told[cia.TPDO_COMMUNICATION + k, cia.PDO_INHIBIT] == 0
 
 
-@pytest.mark.parametrize("newline", ["\n", "\r\n"])
-def test_all_that_is_wrong_is_said(newline):
-    taken = module_eds() + "\n[5F00]\nParameterName=x\nObjectType=0x7\nDataType=0x0005\nAccessType=ro\n"
-    with pytest.raises(EdsError) as error:
-        module_dcf(taken.replace("\n", newline), board(3, 2))
-    assert {fault.key for fault in error.value.faults} == {"0x5F00", "TPDOs"}
-
-
 ARM = """
 [arm]
 name = "module"

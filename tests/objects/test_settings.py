@@ -57,13 +57,17 @@ BAD = [
     ("Touch Pa", "much", "set.\"Touch Pa\": is 'much'; wanted UNSIGNED32: 10, 0x0A or 012"),
     ("Touch Pa", [1, 2], 'set."Touch Pa": is (1, 2); wanted one value'),
     ("Tactel gain", 1.0, 'set."Tactel gain": is 1.0; wanted a list of 16 values'),
-    ("Tactel gain", [1.0], "set.\"Tactel gain\": is '1 values'; wanted a list of 16"),
+    ("Tactel gain", [1.0], 'set."Tactel gain": is (1.0,); wanted a list of 16 values'),
     ("Noise Pa", float("inf"), 'set."Noise Pa": is inf; wanted a finite number'),
-    ("Thresholds", 3, 'set."Thresholds": wanted one member of the record, such as Thresholds/Touch Pa'),
-    ("Synchronous counter overflow value", 250, "wanted at most 240, the high limit of [1019]"),
+    ("Thresholds", 3, 'set."Thresholds": is 3; wanted a list of 5 values'),
+    (
+        "Synchronous counter overflow value",
+        250,
+        "[1019] ParameterValue: is 250; wanted at most 240, the high limit",
+    ),
     ("COB-ID used by TPDO", 1, "wanted a name of one object; it may be 0x1800:01 or 0x1801:01"),
     ("0x1801:01", "$NODEID+0x180", "[1801sub1] ParameterValue: is '$NODEID+0x180'; wanted another"),
-    ("0x1A00:00", 9, "is 9; wanted at most 8, the high limit of [1A00sub0]"),
+    ("0x1A00:00", 9, "[1A00sub0] ParameterValue: is 9; wanted at most 8, the high limit"),
     ("0x1A00:01", 0x20120110, "wanted an object with PDOMapping=1, not [2012sub1]"),
 ]
 

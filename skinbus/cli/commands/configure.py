@@ -9,7 +9,7 @@ from itertools import groupby
 from typing import Final
 
 import click
-from canopen.objectdictionary import ObjectDictionary
+from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError
 
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes, span
@@ -20,7 +20,6 @@ from skinbus.master.commissioning.sessions import timeouts_of
 from skinbus.master.patches.provisioning import Change, Configurer, Provision, Provisioned, expected_nodes
 from skinbus.model import Arm
 from skinbus.objects import cia
-from skinbus.objects.eds_values import decode
 
 Ods = Mapping[int, ObjectDictionary]
 """Dictionaries of the patches, by node-ID."""
@@ -101,8 +100,8 @@ def value_text(od: ObjectDictionary, change: Change, data: bytes | None) -> str:
         return "?"
     variable = od.get_variable(change.index, change.sub)
     try:
-        value = decode(data, variable.data_type or 0) if variable is not None else data
-    except ValueError:
+        value = variable.decode_raw(data) if variable is not None else data
+    except (ValueError, ObjectDictionaryError):
         value = data
     if isinstance(value, bytes):
         return value.hex(" ")

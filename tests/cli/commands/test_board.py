@@ -57,12 +57,10 @@ def test_a_new_board_does_not_replace_a_file_and_says_nothing_of_its_origin(eds)
 def test_a_new_board_passes_its_check_and_a_spoilt_one_is_refused_with_all_its_faults(eds):
     assert "no fault; 36 tactels on 49 x 49 mm, 5 TPDOs" in run("lint", eds).output
     text = eds.read_text()
-    eds.write_text(
-        text.replace("$NODEID+0x40000280", "$NODEID+0x40000180", 1).replace("NrOfTXPDO=5", "NrOfTXPDO=9")
-    )
+    eds.write_text(text.replace("$NODEID+0x40000280", "$NODEID+0x40000180", 1).replace("[1001]", "[1001sub]"))
     spoilt = run("lint", eds)
     assert isinstance(spoilt.exception, EdsError)
-    assert "NrOfTXPDO" in str(spoilt.exception)
+    assert "[1001]: wanted this object" in str(spoilt.exception)
     assert "0x40000180" in str(spoilt.exception) or "0x180" in str(spoilt.exception)
 
 
