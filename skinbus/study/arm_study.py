@@ -3,7 +3,8 @@
 Fingers press anywhere on the boards of an arm, alone or two near each other: on a skin that is calibrated
 and pressed straight, and on one with the law that ships under inclined pushes. The error of a cycle is that
 of its worst touch; one that is missed, merged with another, or beside a contact where no touch is, counts as
-a pitch at least. The latency is from touch to contact: half a period until the next SYNC, readings and
+a pitch at least. How far that error would differ in other draws is a bootstrap of the cycles (Efron 1979).
+The latency is from touch to contact: half a period until the next SYNC, readings and
 contacts on the wire in the worst case, and 99 % of the computing.
 """
 
@@ -26,7 +27,6 @@ from skinbus.model import Arm, Law, Surface, Transducer
 from skinbus.planning.plan import NARROW_EDS, plans
 from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry, Loads
-from skinbus.study.crb import bound, ideal_distances
 from skinbus.study.score import GATE
 
 if TYPE_CHECKING:
@@ -49,9 +49,9 @@ NOISE: Final = 200.0
 GAIN_SPREAD: Final = 0.03
 INCLINATION: Final = 0.3
 """Tangential force per normal force of an inclined push: that of a hand that leans on an arm."""
-IDEAL_DRAWS: Final = 16
-AS_GOOD: Final = 1.2
-"""An error within this factor of the least is as good: about what two draws of 400 cycles differ by."""
+RESAMPLES: Final = 400
+SCATTER: Final = (5.0, 95.0)
+"""Percentiles of the bootstrap between which the error of other draws is expected."""
 CALIBRATED: Final = "calibrated, pushed straight"
 SHIPPED: Final = "as it ships, inclined pushes"
 CONDITIONS: Final = (CALIBRATED, SHIPPED)
@@ -72,10 +72,13 @@ class Point:
     bits: int
     p50_mm: float
     p95_mm: float
+    low_mm: float
+    """From here to ``high_mm`` the 95th percentile scatters over draws."""
+    high_mm: float
     wrong_count_pct: float
     """Of the cycles: not as many contacts as touches."""
-    bound_p95_mm: float
-    """Of ideal estimates of the same touches; 10 m where the readings do not determine them."""
+    wrong_scatter_pct: float
+    """Standard deviation of that share."""
     compute_p50_us: float
     compute_p99_us: float
     wire_ms: float
@@ -162,12 +165,11 @@ def calibrated_law(arm: Arm, seed: int) -> Law:
 
 
 class _Trial(NamedTuple):
-    """One cycle: touches (n, 3), their link, what is felt, and how far an ideal estimate is off, m."""
+    """One cycle: touches (n, 3), their link, and what is felt, Pa."""
 
     touches: Floats
     link: int
     pressures: Floats
-    ideal: float
 
 
 def _trials(arm: Arm, condition: str, fingers: int, n: int, seed: int) -> Iterator[_Trial]:
@@ -179,10 +181,8 @@ def _trials(arm: Arm, condition: str, fingers: int, n: int, seed: int) -> Iterat
     for _ in range(n):
         link, touches = _touches(arm, fingers, pitch, rng)
         finger, towards = rng.integers(len(DIAMETERS), size=fingers), rng.uniform(0.0, math.tau, fingers)
-        feel = partial(truth.feel, link=link, finger=finger, towards=towards)
-        ideal = ideal_distances(bound(feel, touches, NOISE), IDEAL_DRAWS, rng).max(axis=0)
-        noisy = feel(touches) * gain + NOISE * rng.standard_normal(arm.n_tactels)
-        yield _Trial(touches, link, noisy, float(rng.choice(ideal)))
+        noisy = truth.feel(touches, link, finger, towards) * gain
+        yield _Trial(touches, link, noisy + NOISE * rng.standard_normal(arm.n_tactels))
 
 
 def _touches(arm: Arm, fingers: int, pitch: float, rng: np.random.Generator) -> tuple[int, Floats]:
@@ -222,6 +222,8 @@ def _measure(
     p50_us, p99_us = (1e-3 * np.percentile(times_ns[1:], [50, 99])).tolist()
     rate_hz, wire_ns = _wire(arm, round(1e3 * p99_us))
     p50_mm, p95_mm = (1e3 * np.percentile(errors, [50, 95])).tolist()
+    low_mm, high_mm = 1e3 * _scatter_of_p95(np.array(errors))
+    share = wrong / len(trials)
     return Point(
         arm=arm.name,
         condition=condition,
@@ -230,14 +232,22 @@ def _measure(
         bits=bits,
         p50_mm=p50_mm,
         p95_mm=p95_mm,
-        wrong_count_pct=100.0 * wrong / len(trials),
-        bound_p95_mm=1e3 * float(np.percentile([min(t.ideal, 10.0) for t in trials], 95)),
+        low_mm=float(low_mm),
+        high_mm=float(high_mm),
+        wrong_count_pct=100.0 * share,
+        wrong_scatter_pct=100.0 * math.sqrt(share * (1.0 - share) / len(trials)),
         compute_p50_us=p50_us,
         compute_p99_us=p99_us,
         wire_ms=1e-6 * wire_ns,
         rate_hz=rate_hz,
         latency_ms=500.0 / rate_hz + 1e-6 * wire_ns + 1e-3 * p99_us,
     )
+
+
+def _scatter_of_p95(errors: Floats) -> Floats:
+    """Return between which errors (2,) the 95th percentile of other draws is expected."""
+    again = np.random.default_rng(0).choice(errors, (RESAMPLES, len(errors)))
+    return np.array(np.percentile(np.percentile(again, 95, axis=1), SCATTER))
 
 
 def cycle_error(
@@ -278,84 +288,66 @@ def _pitch(arm: Arm) -> float:
 
 
 def decide(points: Sequence[Point]) -> Point:
-    """Return the point to run: of those as good as the best in 95 of 100 cycles, soonest, then simplest."""
-    least = min(p.p95_mm for p in points)
-    good = [p for p in points if p.p95_mm <= AS_GOOD * least]
-    fewest = min(p.wrong_count_pct for p in good)
+    """Return the point to run: the cheapest of those that no scatter separates from the best."""
+    best = min(points, key=lambda p: p.p95_mm)
+    good = [p for p in points if p.low_mm <= best.high_mm]
     # where all are off by a pitch or more, the count decides
-    good = [p for p in good if p.wrong_count_pct <= AS_GOOD * fewest + 1.0]
-    return min(good, key=lambda p: (round(p.latency_ms), LEVELS.index(p.level)))
+    fewest = min(good, key=lambda p: p.wrong_count_pct)
+    least = fewest.wrong_count_pct + 2.0 * fewest.wrong_scatter_pct
+    good = [p for p in good if p.wrong_count_pct - 2.0 * p.wrong_scatter_pct <= least]
+    return min(good, key=lambda p: LEVELS.index(p.level))
 
 
 def situations(points: Sequence[Point]) -> list[list[Point]]:
-    """Return the points of each arm, condition and number of fingers, in the order they came in."""
-    keys = dict.fromkeys((p.arm, p.condition, p.fingers) for p in points)
-    return [[p for p in points if (p.arm, p.condition, p.fingers) == key] for key in keys]
+    """Return the levels of each arm, condition, bits and number of fingers, in the order they came in."""
+    keys = dict.fromkeys((p.arm, p.condition, p.bits, p.fingers) for p in points)
+    return [[p for p in points if (p.arm, p.condition, p.bits, p.fingers) == key] for key in keys]
 
 
-DECISIONS: Final = (
-    "arm", "skin", "fingers", "run", "error in 95 of 100 cycles", "count wrong",
-    "computing, share of cycle", "touch to contact",
-)  # fmt: skip
-"""Titles of the columns of ``decisions``."""
+TITLES: Final = ("arm", "skin", "fingers", *LEVELS, "run", "touch to contact")
+"""Of the columns of ``table``."""
 
 
-def decisions(points: Sequence[Point]) -> list[list[str]]:
-    """Return a row for each situation: what to run, what it buys and what it costs."""
-    return [
-        [
-            best.arm,
-            best.condition,
-            FINGERS[best.fingers],
-            name_of(best),
-            f"{best.p95_mm:.2g} mm",
-            f"{best.wrong_count_pct:.0f} %",
-            f"{best.compute_p99_us:.0f} us, {1e-4 * best.compute_p99_us * best.rate_hz:.1f} % of "
-            f"{best.rate_hz:g} Hz",
-            f"{best.latency_ms:.1f} ms",
-        ]
-        for best in map(decide, situations(points))
-    ]
+def table(points: Sequence[Point]) -> list[list[str]]:
+    """Return a row for each situation: error and wrong counts of each level, the one to run, its latency."""
+    rows = []
+    for own in situations(points):
+        run = decide(own)
+        cells = [f"{p.p95_mm:.2g} mm, {p.wrong_count_pct:.0f} %" for p in own]
+        skin = f"{run.bits} bit, {run.condition}"
+        rows.append([run.arm, skin, FINGERS[run.fingers], *cells, run.level, f"{run.latency_ms:.1f} ms"])
+    return rows
 
 
-def name_of(point: Point) -> str:
-    """Return level and bits of a point."""
-    return f"{point.level}, {point.bits} bit"
-
-
-def draw_arm(points: Sequence[Point]) -> Figure:
-    """Draw one arm: a row for each condition, a column for one finger and for two; same axes in all."""
+def draw_arm(points: Sequence[Point], condition: str = CALIBRATED) -> Figure:
+    """Draw one arm: a panel for 8 and one for 16 bits, a line for each level from one finger to two."""
     from skinbus.study.draw import COLOURS, MARKERS, new_figure
 
-    figure, panels = new_figure(len(FINGERS), len(CONDITIONS), width=5.6, height=4.0)
-    times, errors = [p.latency_ms for p in points], [p.p95_mm for p in points]
-    for axes, own in zip(panels.ravel(), situations(points), strict=True):
-        for p in own:
-            # boards of 8 bits are rings; those that lie on each other are of different sizes
-            fill, size = (COLOURS[p.level], 7) if p.bits == 16 else ("none", 7 + 3 * LEVELS.index(p.level))
-            label = f"{name_of(p)}: {p.p95_mm:.2g} mm, {p.wrong_count_pct:.0f} % wrong"
-            axes.plot(
-                p.latency_ms,
-                p.p95_mm,
-                MARKERS[p.level],
-                color=COLOURS[p.level],
-                mfc=fill,
-                ms=size,
-                label=label,
-            )
-        best, ideal = decide(own), own[0].bound_p95_mm
-        axes.plot(best.latency_ms, best.p95_mm, "ko", ms=22, mfc="none", label=f"run {name_of(best)}")
-        if ideal < 2.0 * max(errors):
-            axes.axhline(ideal, color="black", ls="--", lw=1, label=f"ideal estimator: {ideal:.2g} mm")
+    figure, panels = new_figure(len(BITS), 1, width=4.6, height=4.0)
+    own = [p for p in points if p.condition == condition]
+    for axes, bits in zip(panels[0], BITS, strict=True):
+        here = [p for p in own if p.bits == bits]
+        for level in LEVELS:
+            line = [p for p in here if p.level == level]
+            x, y = [p.latency_ms for p in line], [p.p95_mm for p in line]
+            low = [p.p95_mm - p.low_mm for p in line]
+            high = [p.high_mm - p.p95_mm for p in line]
+            axes.errorbar(x, y, [low, high], color=COLOURS[level], lw=1, capsize=3, label=level)
+            for p in line:
+                filled = COLOURS[level] if p.fingers == 1 else "white"
+                axes.plot(p.latency_ms, p.p95_mm, MARKERS[level], color=COLOURS[level], mfc=filled, ms=7)
+        for alternatives in situations(here):
+            run = decide(alternatives)
+            axes.plot(run.latency_ms, run.p95_mm, "ko", ms=16, mfc="none")
         axes.set(
-            title=f"{FINGERS[best.fingers]}; {best.condition}",
+            title=f"{bits} bit, {here[0].rate_hz:g} Hz",
             xlabel="touch to contact: SYNC, wire, computing (ms)",
             ylabel="error in 95 of 100 cycles (mm)",
-            xscale="log",
             yscale="log",
-            xlim=(0.9 * min(times), 1.1 * max(times)),
-            ylim=(0.5 * min(errors), 2.0 * max(errors)),
+            ylim=(0.7 * min(p.low_mm for p in own), 1.4 * max(p.high_mm for p in own)),
         )
-        axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
-    figure.suptitle(f"{points[0].arm}: accuracy against time. A wrong count is an error of a pitch at least")
+    axes.legend()
+    figure.suptitle(
+        f"{points[0].arm}, {condition}\nfilled: {FINGERS[1]}; open: {FINGERS[2]}; ringed: the level to run"
+    )
     return figure

@@ -52,22 +52,33 @@ def test_error_of_a_cycle_is_that_of_its_worst_touch_and_a_pitch_at_least_with_a
 def point(**changes):
     usual = {
         "arm": "pad", "condition": CALIBRATED, "fingers": 1, "level": "fit", "bits": 16,
-        "p50_mm": 0.1, "p95_mm": 0.3, "wrong_count_pct": 0.0, "bound_p95_mm": 0.2, "compute_p50_us": 10.0,
-        "compute_p99_us": 20.0, "wire_ms": 3.0, "rate_hz": 50.0, "latency_ms": 13.0,
+        "p50_mm": 0.1, "p95_mm": 0.3, "low_mm": 0.28, "high_mm": 0.32, "wrong_count_pct": 0.0,
+        "wrong_scatter_pct": 0.0, "compute_p50_us": 10.0, "compute_p99_us": 20.0,
+        "wire_ms": 3.0, "rate_hz": 50.0, "latency_ms": 13.0,
     }  # fmt: skip
     return Point(**(usual | changes))
 
 
-def test_the_soonest_of_those_as_good_as_the_best_is_chosen():
-    slow = point(bits=16, p95_mm=0.29, latency_ms=20.0)
-    soon = point(bits=8, p95_mm=0.3, latency_ms=10.0)
-    worse = point(level="kmeans", p95_mm=3.0, latency_ms=5.0)
-    assert decide([slow, soon, worse]) is soon
+def test_differences_below_the_scatter_are_ties_and_the_cheaper_level_is_run():
+    fit = point(level="fit", p95_mm=0.31, low_mm=0.28, high_mm=0.35)
+    full = point(level="full", p95_mm=0.27, low_mm=0.25, high_mm=0.29)
+    kmeans = point(level="kmeans", p95_mm=3.0, low_mm=2.8, high_mm=3.3)
+    assert decide([kmeans, fit, full]) is fit
+
+
+def test_a_difference_beyond_the_scatter_is_none_of_noise():
+    fit = point(level="fit", p95_mm=0.4, low_mm=0.36, high_mm=0.45)
+    full = point(level="full", p95_mm=0.27, low_mm=0.25, high_mm=0.29)
+    assert decide([fit, full]) is full
 
 
 def test_among_levels_that_are_all_a_pitch_off_the_one_that_counts_best_is_chosen():
-    blind = point(level="fit", p95_mm=10.0, wrong_count_pct=50.0)
-    best = point(level="full", p95_mm=11.0, wrong_count_pct=12.0, latency_ms=14.0)
+    blind = point(
+        level="fit", p95_mm=10.0, low_mm=9.0, high_mm=11.0, wrong_count_pct=50.0, wrong_scatter_pct=3.0
+    )
+    best = point(
+        level="full", p95_mm=11.0, low_mm=9.0, high_mm=12.0, wrong_count_pct=12.0, wrong_scatter_pct=2.0
+    )
     assert decide([blind, best]) is best
 
 
@@ -81,7 +92,7 @@ def test_boards_change_their_bits_and_nothing_else():
 
 def test_points_of_an_arm_become_a_report_a_figure_and_a_table(tmp_path, monkeypatch):
     points = [
-        point(condition=c, fingers=n, bits=bits, level=level, p95_mm=0.2 if level == "full" else 3.0)
+        point(condition=c, fingers=n, bits=bits, level=level, p95_mm=0.3 if level == "full" else 0.31)
         for c in CONDITIONS
         for n in FINGERS
         for bits in BITS
@@ -98,8 +109,7 @@ def test_points_of_an_arm_become_a_report_a_figure_and_a_table(tmp_path, monkeyp
     )
     assert result.exit_code == 0, result.output
     assert "<svg" in out.read_text()
-    assert "full, 8 bit" in out.read_text()
-    assert page.read_text().count("\n| pad |") == 4
+    assert page.read_text().count("\n| pad |") == 8
     assert "old" not in page.read_text()
     assert {file.name for file in figures.iterdir()} == {"accuracy.csv", "accuracy-pad.svg"}
     assert len((figures / "accuracy.csv").read_text().splitlines()) == 1 + N_POINTS

@@ -100,13 +100,13 @@ def arm(
             if folder:
                 save(figure, folder, f"accuracy-{one.name.replace(' ', '-')}")
             points += own
-    rows = arm_study.decisions(points)
-    shown.append(("Which level to run", [arm_study.DECISIONS, *rows]))
+    rows = arm_study.table(points)
+    shown.append(("Which level to run", [arm_study.TITLES, *rows]))
     write_page(out, f"What accuracy costs in time: {names}", shown)
     if folder:
         write_table(folder / "accuracy.csv", points)
     if page:
-        lines = (arm_study.DECISIONS, ["---"] * len(arm_study.DECISIONS), *rows)
+        lines = (arm_study.TITLES, ["---"] * len(arm_study.TITLES), *rows)
         marks.write(page, "\n".join(f"| {' | '.join(line)} |" for line in lines))
     echo(f"{out}: {len(points)} points of {names}")
 
