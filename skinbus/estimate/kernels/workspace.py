@@ -89,6 +89,7 @@ class Search(NamedTuple):
     back: Floats  # (n,) Pa along listed: pressure of contacts outside the group
     base: Floats  # (n,) Pa along listed: that, and contacts held fixed
     variance: Floats  # (n,) Pa^2 along listed
+    tail: Floats  # (n,) degrees of freedom of the errors along listed
     jacobian: Floats  # (n, m) along listed
     felt_by: Ints  # (n, g) contacts that reach the tactel
     n_felt_by: Ints  # (n,)
@@ -190,6 +191,7 @@ def make_search(lay: Layout) -> Search:
         back=z(n),
         base=z(n),
         variance=z(n),
+        tail=z(n),
         jacobian=z((n, m)),
         felt_by=z((n, g), np.int64),
         n_felt_by=z(n, np.int64),

@@ -10,8 +10,9 @@ w_i J_i)'.
 
 Variances are those of :func:`weigh`, the same for all rivals: noise, the gains, and what the law cannot
 explain. A reading at full scale counts while the model predicts less. The misfit of a learned law has tails,
-those of Student's t with ``TAIL`` degrees of freedom: chi^2 is then -2 log of it, and weights are those of
-iterated least squares.
+those of Student's t with ``TAIL`` degrees of freedom, noise has none: of a part f of the variance that misfit
+causes, t with 4 + (TAIL - 4) / f^2 has the kurtosis. chi^2 is then -2 log of it, and weights are those of iterated
+least squares.
 
 Source: K. Lange, R. Little, J. Taylor, Robust statistical modeling using the t distribution (1989).
 """
@@ -42,6 +43,8 @@ WHOLE, BESIDE, NOISE = 0, 1, 2
 """Modes of :func:`predict`."""
 TAIL: Final = 5.0
 """Degrees of freedom: presses of real arrays, held out, have errors with tails of 4 to 6."""
+LEAST_TAILED: Final = 1e-6
+"""Squared part of the variance: below it errors are Gaussian in all digits that count."""
 
 
 @inner_kernel
@@ -117,6 +120,8 @@ def weigh(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) -> 
                 wrong = SIZE_MODES * amp * at_peak
             variance += wrong * wrong
         q.variance[t] = q.excess[0] * variance
+        misfit = 1.0 - lay.sigma[i] * lay.sigma[i] / variance
+        q.tail[t] = TAIL if q.tailed[0] else 4.0 + (TAIL - 4.0) / max(misfit * misfit, LEAST_TAILED)
 
 
 @inner_kernel
@@ -145,8 +150,8 @@ def predict(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int, m
                 weight[t] = 1.0 / (lay.sigma[i] * lay.sigma[i] if mode == NOISE else q.variance[t])
                 square = weight[t] * r * r
                 if mode != NOISE and (q.tailed[0] or lay.law_par[lay.law[i], PROFILED] != 0.0):
-                    part = TAIL / (TAIL + square)
-                    weight[t], square = weight[t] * part, -TAIL * math.log(part)
+                    part = q.tail[t] / (q.tail[t] + square)
+                    weight[t], square = weight[t] * part, -q.tail[t] * math.log(part)
                 chi2 += square
                 sum_w, sum_wr = sum_w + weight[t], sum_wr + weight[t] * r
             t += 1

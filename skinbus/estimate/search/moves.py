@@ -186,8 +186,8 @@ def propose_more(lay: Layout, q: Search, link: int, h: int) -> None:
     for _ in range(2):
         best, z_best = -1, FELT
         for t in range(q.n_listed[0]):
-            z = q.pull[t] * math.sqrt(q.weight[t])
-            if z > z_best and t != last:
+            z = q.pull[t] / math.sqrt(q.variance[t])  # weights of errors with tails would hide a contact
+            if z > z_best and t != last and q.weight[t] > 0.0:
                 best, z_best = t, z
         if best < 0:
             break
