@@ -34,8 +34,8 @@ MISSED = {
     f"{COARSE}[full]": "2.7 % beyond; 1 % asked",
     f"{HONEST}[pad-two-0.85]": "3.6; at most 1.25 asked",
     f"{HONEST}[pad-three-0.85]": "4.6; at most 1.25 asked",
-    f"{HONEST}[forearm-two on seam-0.85]": "6.3; at most 1.25 asked",
-    f"{ACCURACY}test_light_presses_at_a_rim_are_not_said_to_be_strong_ones_beyond_it": "7.9 %; 6 % asked",
+    f"{HONEST}[forearm-two on seam-0.85]": "5.8; at most 1.25 asked",
+    f"{HONEST}[finger-two 15 mm-0.6]": "0.594; at least 0.6 asked",
     f"{ACCURACY}test_two_fingers_apart_across_a_seam_are_two_out_of_the_box[kmeans]": "they are one",
     f"{CONTACTS}test_two_fingers_across_a_seam_are_not_one_of_the_force_of_one_without_a_flag[places2]": (
         "the weaker finger is 6 N off; 1 asked"

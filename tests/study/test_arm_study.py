@@ -124,8 +124,19 @@ def test_page_without_marks_is_refused_before_anything_is_measured(tmp_path):
         )
 
 
+@pytest.fixture(scope="module")
+def pad_points():
+    return [p for p in measure_arm(PAD, trials=100) if p.condition == CALIBRATED]
+
+
 @pytest.mark.slow
-def test_one_finger_on_a_calibrated_pad_is_found_within_half_a_pitch():
-    points = measure_arm(PAD, trials=20)
-    assert len(points) == N_POINTS
-    assert min(p.p95_mm for p in points if p.fingers == 1 and p.condition == CALIBRATED) < 1e3 * PITCH / 2
+def test_one_finger_on_a_calibrated_pad_is_found_within_half_a_pitch(pad_points):
+    assert min(p.p95_mm for p in pad_points if p.fingers == 1) < 1e3 * PITCH / 2
+
+
+@pytest.mark.slow
+def test_two_fingers_on_a_calibrated_pad_are_two_with_8_bits_as_with_16(pad_points):
+    # a second finger of one coarse step on few tactels was taken for an outlier in 41 of 100 cycles
+    for point in pad_points:
+        if point.fingers == 2 and point.level != "kmeans":
+            assert point.wrong_count_pct <= 5.0, point

@@ -11,8 +11,8 @@ w_i J_i)'.
 Variances are those of :func:`weigh`, the same for all rivals: noise, the gains, and what the law cannot
 explain. A reading at full scale counts while the model predicts less. The misfit of a learned law has tails,
 those of Student's t with ``TAIL`` degrees of freedom, noise has none: of a part f of the variance that misfit
-causes, t with 4 + (TAIL - 4) / f^2 has the kurtosis. chi^2 is then -2 log of it, and weights are those of iterated
-least squares.
+causes, t with 4 + (TAIL - 4) / f^2 has the kurtosis. chi^2 is then -2 log of it, and weights are those of
+iterated least squares.
 
 Source: K. Lange, R. Little, J. Taylor, Robust statistical modeling using the t distribution (1989).
 """
