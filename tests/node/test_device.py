@@ -1,7 +1,6 @@
 """The device as its host sees it: values and views, memory, hooks, events, timers."""
 
 import canopen
-import numpy as np
 import pytest
 from canopen.objectdictionary import ODRecord, ODVariable, datatypes
 
@@ -66,15 +65,6 @@ def test_first_step_boots_and_says_when_to_call_again():
     assert step.frames == [Frame(0x705, b"\0", 1_000)]
     assert device.nmt_state is NmtState.PRE_OPERATIONAL
     assert step.wake_ns == 1_000 + 500_000_000  # the heartbeat of its EDS
-
-
-def test_view_of_one_type_is_an_array_that_lives():
-    device = Device(load_eds("skin-patch", 5), 5)
-    view = device.image_view(0x6401, 1, 16)
-    assert (view.dtype, view.shape) == (np.dtype("<i2"), (16,))
-    assert view.flags.aligned
-    view[:] = range(16)
-    assert device.get(0x6401, 16) == 15
 
 
 @pytest.mark.parametrize("node_id", [0, 128, 254, -1])

@@ -11,7 +11,6 @@ from skinbus.node import Device, SdoClient
 from skinbus.node.lss import UNCONFIGURED
 from skinbus.node.sdo_server import PACE_NS
 from skinbus.node.storage import MemoryStorage
-from skinbus.objects.cia import NmtState
 from skinbus.objects.eds import load_eds
 from tests.node.node_table import DEVICES
 
@@ -164,20 +163,6 @@ def test_remote_node_consumes_our_pdos():
     assert len(bus.heard) >= 4
 
 
-def test_remote_node_switches_to_events():
-    device, bus, _, node = connect("patch")
-    node.tpdo.read()
-    node.tpdo[1].trans_type = 254
-    node.tpdo[1].event_timer = 10
-    node.tpdo[1].save()
-    node.nmt.state = "OPERATIONAL"
-    bus.heard.clear()
-    bus.now_ns += 10_000_000
-    bus.step()
-    assert [frame.can_id for frame in bus.heard] == [0x185]
-    assert device.nmt_state is NmtState.OPERATIONAL
-
-
 def test_boot_up_heartbeat_and_emcy_are_understood(any_device):
     device, bus, _, node = any_device
     assert node.nmt.state == "PRE-OPERATIONAL"
@@ -192,19 +177,6 @@ def test_boot_up_heartbeat_and_emcy_are_understood(any_device):
     bus.step()
     assert (node.emcy.log[-1].code, node.emcy.log[-1].register) == (0x8110, 0x11)
     assert node.sdo[0x1003][1].raw == 0x00018110
-
-
-def test_store_and_restore_by_the_clients_words():
-    storage = MemoryStorage()
-    _, _, _, node = connect("patch", storage=storage)
-    node.sdo[0x1017].raw = 1234
-    node.store()
-    assert storage.groups
-    _, _, _, node = connect("patch", storage=storage)
-    assert node.sdo[0x1017].raw == 1234
-    node.restore()
-    node.nmt.send_command(0x81)
-    assert node.sdo[0x1017].raw == 500
 
 
 def test_lss_master_finds_and_names_our_node(monkeypatch):
@@ -223,14 +195,6 @@ def test_lss_master_finds_and_names_our_node(monkeypatch):
     network.lss.send_switch_state_global(0)
     assert device.node_id == 9
     assert bus.heard[-1][:2] == (0x709, b"\0")
-
-
-def test_lss_master_selects_one_of_ours(monkeypatch):
-    monkeypatch.setattr("canopen.lss.time.sleep", lambda s: None)
-    device, _, network, _ = connect("patch")
-    network.subscribe(network.lss.LSS_RX_COBID, network.lss.on_message_received)
-    assert network.lss.send_switch_state_selective(*(device.get(0x1018, k) for k in (1, 2, 3, 4)))
-    assert network.lss.inquire_node_id() == device.node_id
 
 
 class ServerBus(can.BusABC):

@@ -8,18 +8,8 @@ import pytest
 import skinbus
 from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError
-from skinbus.estimate import Estimator
-from skinbus.model import Arm, LinkFrame, Radial, RobotSettings
 from skinbus.robot import RobotFrames
-from skinbus.robot.positions import JointPositions
-from skinbus.sim import Scene, load_scene
-from skinbus.sim.indenter import Shape
-from skinbus.sim.joint_motion import JointMotion
-from skinbus.sim.laws import Elastic
-from skinbus.sim.sampler import Sampler
-from skinbus.sim.touch import Touch
-from skinbus.study.skin_models import SKINS, feel_of
-from tests.robot.robots import URDF
+from skinbus.sim import load_scene
 from tests.robot.two_joints import ARM, SCENE, write
 
 pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
@@ -130,83 +120,3 @@ def test_faults_of_motions_are_reported(tmp_path, text, said):
     with pytest.raises(ConfigError) as refused:
         load_scene(tmp_path / "scene.toml")
     assert said in str(refused.value)
-
-
-@pytest.fixture(scope="module")
-def ur10e():
-    """Half a tube of 642 tactels of a published skin on the upper arm of a UR10e; the law is measured."""
-    one = Arm.single_patch([[0.0, 0.0]], diameter=4e-3)
-    feel = feel_of(one, Elastic(), 0.5 * FINGER)
-    table = [float(feel(np.array([[d, 0.0, 8.0]]))[0]) / 8.0 for d in np.arange(60) * 0.5e-3]
-    shell = SKINS["shell"](np.random.default_rng(1)).arm.with_law(Radial(step=0.5e-3, table=np.array(table)))
-    X_LS = np.diag([-1.0, -1.0, 1.0, 1.0])
-    X_LS[:3, 3] = -0.15, 0.0, 0.12
-    link = LinkFrame(name="upper_arm_link", X_LS=X_LS)
-    settings = RobotSettings(
-        file="",
-        urdf=str(URDF / "ur10e.urdf"),
-        base="base_link",
-        tool="tool0",
-        max_age_ns=50_000_000,
-        links=(link,),
-    )
-    return Arm("ur10e", shell.links, shell.patches, robot=settings)
-
-
-FINGER = 0.012
-NOISE = 200.0
-"""Pa: 1 % of the peak under 5 N."""
-
-
-@pytest.mark.parametrize("fixed_in", ["base", "link"])
-def test_one_finger_on_a_ur10e_that_moves_at_1_rad_s_is_found_in_the_base(ur10e, fixed_in):
-    """Positions come every 8 ms; the finger presses with 8 N wherever tactels surround it."""
-    arm, rng = ur10e, np.random.default_rng(20)
-    frames, estimator = RobotFrames(arm), Estimator(arm, level="full")
-    chain, step = frames.chain, arm.patches[0].patch.transducer.step
-    points, torques, n_cycles = [], [], 0
-    for _ in range(8):
-        begin, turns = rng.uniform(-1.0, 1.0, 6), rng.choice([-1.0, 1.0], 6)
-        ends = zip(chain.names, begin, begin + turns, strict=True)
-        paths = {name: np.array([[0.0, start], [1.0, end]]) for name, start, end in ends}
-        motion = JointMotion(arm, chain, paths)
-        touch = Touch(
-            link=0,
-            path=np.array([[0.0, rng.uniform(0.05, 0.10), rng.uniform(-0.03, 0.03)]]),
-            force=np.array([[0.1, 8.0], [0.36, 8.0]]),
-            shape=Shape.DISC,
-            length=FINGER,
-        )
-        touch = motion.in_base(touch) if fixed_in == "base" else touch
-        scene = Scene("finger", arm, duration_s=1.0, layer=Elastic(), touches=[touch], motion=motion)
-        sampler, positions = Sampler(scene), JointPositions(chain, arm.robot)
-        for k in range(45):
-            positions.set(8_000_000 * k, motion.positions(0.008 * k))
-        for t_s in np.arange(0.1, 0.36, 0.02):
-            sampler.sample(t_s)
-            truth = scene.touches_at(t_s)
-            if not (0.018 < truth.s[0] < 0.128 and abs(truth.a[0]) < 0.10):
-                continue  # less than a centimetre from the outermost tactels
-            n_cycles += 1
-            readings = sampler.counts * step + NOISE * rng.standard_normal(arm.n_tactels)
-            contacts = estimator.update(readings, 0)
-            placed = frames.place(contacts, *positions.at(round(1e9 * t_s)))
-            expected = frames.place(TrueContacts(truth), motion.positions(t_s))
-            nearest = np.argmax(contacts.force)
-            points.append(placed.point[nearest, 1] - expected.point[0, 1])
-            off = np.linalg.norm(placed.torques - expected.torques)
-            torques.append(off / np.linalg.norm(expected.torques))
-    assert n_cycles > 60
-    rms = np.sqrt((np.array(points) ** 2).sum(axis=1).mean())
-    relative = np.sqrt(np.mean(np.square(torques)))
-    print(f"{n_cycles} cycles: {1e3 * rms:.3f} mm RMS, torques {100 * relative:.2f} %")
-    assert rms < 1e-3
-    assert relative < 0.05
-
-
-class TrueContacts:
-    """Touches as the columns of contacts."""
-
-    def __init__(self, touches):
-        self.link, self.s, self.a = touches.link.astype(np.int64), touches.s, touches.a
-        self.force, self.covariance = touches.force, np.zeros((len(touches), 3, 3))

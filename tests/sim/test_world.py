@@ -7,8 +7,6 @@ from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.config.system import ods_of
-from skinbus.node import SdoClient
-from skinbus.objects.cia import READ_ANALOGUE_16, NmtState
 from skinbus.objects.readings import ReadingsPlan
 from skinbus.sim import load_scene
 from skinbus.sim.world import World
@@ -149,32 +147,6 @@ def test_quiet_patch_with_event_driven_tpdos_is_silent_until_it_is_touched():
     assert max(touched) < 650 * MS, "and then held still"
 
 
-def test_patch_answers_sdo_and_obeys_nmt_alone():
-    scene = load_scene("pad")
-    world, _, wire, _ = run(scene, seconds=1.0)
-
-    class Asker(Core):
-        cob_ids = None
-
-        def __init__(self):
-            self.client = SdoClient(1)
-            self.client.start_read(READ_ANALOGUE_16, 6)
-
-        def step(self, now_ns, frames=()):
-            return Step(self.client.step(now_ns, frames), (), now_ns + MS)
-
-    asker = Asker()
-    wire.attach(asker)
-    wire.run(wire.now_ns + 50 * MS)
-    value = int.from_bytes(asker.client.result.data, "little", signed=True)
-    assert value == world.devices[0].get(READ_ANALOGUE_16, 6)
-    world.step(wire.now_ns, [Frame(0x000, b"\x80\x02")])
-    assert world.devices[0].nmt_state is NmtState.OPERATIONAL
-    world.step(wire.now_ns, [Frame(0x000, b"\x80\x01")])
-    assert world.devices[0].nmt_state is NmtState.PRE_OPERATIONAL
-    assert not [f for f in world.step(wire.now_ns, [Frame(0x080)]).frames if f.can_id < 0x500]
-
-
 def test_world_asks_to_be_woken_for_nothing_but_boot_and_heartbeat():
     world = World(load_scene("pad"))
     step = world.step(0)
@@ -184,17 +156,3 @@ def test_world_asks_to_be_woken_for_nothing_but_boot_and_heartbeat():
     assert [f.can_id for f in boot.frames] == [0x701]
     beat = world.devices[0].get(0x1017) * MS
     assert boot.wake_ns == (step.wake_ns + beat if beat else NEVER)
-
-
-def test_garbage_on_any_identifier_raises_nothing_and_moves_no_reading():
-    rng = np.random.default_rng(20)
-    print("seed 20")
-    world, _, wire, _ = run(load_scene("pad"), seconds=0.3)
-    before = world.sampler.counts.copy()
-    for _ in range(2000):
-        can_id = int(rng.choice([0x000, 0x601, 0x7E5, 0x080, 0x181, *world.cob_ids]))
-        if can_id == 0x080:
-            continue
-        data = rng.bytes(rng.integers(0, 9))
-        world.step(wire.now_ns, [Frame(can_id, data, 0, int(rng.integers(0, 3)))])
-    np.testing.assert_array_equal(world.sampler.counts, before)

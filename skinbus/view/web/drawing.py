@@ -5,8 +5,7 @@ Pressures are shown as they are known: a tactel without a fresh reading is grey,
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -18,8 +17,6 @@ from skinbus.view.web import colours
 from skinbus.view.web.colours import Colour, Colours
 from skinbus.view.web.poses import Floats, Poses, placed, turned
 
-TRAIL_NS: Final = 2_000_000_000
-"""How long the path of a contact stays."""
 SIGMAS: Final = 3.0
 """Standard deviations of the ellipse of a contact."""
 LENGTH_PER_N: Final = 0.006
@@ -70,7 +67,6 @@ class Drawing:
     """Edges of boards that are not operational; lost ones are crossed out."""
     forces: Lines
     ellipses: Lines
-    trails: Lines
     labels: tuple[Label, ...]
     true_forces: Lines
     truths: Lines
@@ -78,7 +74,7 @@ class Drawing:
 
 
 class Drawer:
-    """Draws the cycles of an arm, one after the other; it keeps the trails."""
+    """Draws the cycles of an arm."""
 
     def __init__(self, arm: Arm, poses: Poses) -> None:
         self.full_pa = 1e3 * colours.FULL_KPA
@@ -86,8 +82,6 @@ class Drawer:
         self.poses = poses
         self._arm = arm
         self._numbers = {link.name: k for k, link in enumerate(arm.links)}
-        self._path: deque[tuple[int, int, Floats]] = deque()
-        """Time, contact and place of what trails are made of."""
 
     def draw(self, cycle: Cycle, *, age_s: float = 0.0) -> Drawing:
         """Return what is drawn of a cycle, whose readings are so old; a stale one is drawn as not known."""
@@ -112,7 +106,6 @@ class Drawer:
             boards=self._boards([] if is_stale else states),
             forces=forces,
             ellipses=self._ellipses(known, tints),
-            trails=self._trails(cycle.t_ns, known, forces.points[:, 1]),
             labels=tuple(
                 Label(1.1 * tail - 0.1 * head, f"{c.id}: {c.force:.1f} N")
                 for c, (tail, head) in zip(known, forces.points, strict=True)
@@ -166,24 +159,6 @@ class Drawer:
         """Return a line on the surface of a link, (n, 3)."""
         points, normals = self._arm.links[link].surface.position(s, a)
         return placed(self.poses.X_BS[link], points + LIFT * normals)
-
-    def _trails(self, now_ns: int, contacts: Iterable[Contact], places: Floats) -> Lines:
-        """Return where contacts were; a new contact with an old id begins a new trail."""
-        path = self._path
-        if path and path[-1][0] > now_ns:  # time begins anew
-            path.clear()
-        if not path or path[-1][0] < now_ns:
-            began = {c.id for c in contacts if c.state is TrackState.TOUCH}
-            if began:
-                self._path = path = deque(step for step in path if step[1] not in began)
-            path += [(now_ns, c.id, place) for c, place in zip(contacts, places, strict=True)]
-        while path and now_ns - path[0][0] > TRAIL_NS:
-            path.popleft()
-        parts = []
-        for number in {step[1] for step in path}:
-            line = np.array([place for _, contact, place in path if contact == number])
-            parts.append((line, colours.CONTACT))
-        return _joined(parts)
 
 
 def _joined(parts: Sequence[tuple[Floats, Colour]]) -> Lines:

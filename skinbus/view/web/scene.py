@@ -51,7 +51,7 @@ FILL: Final = colours.LIGHT * np.pi
 SUN: Final = 0.15 * FILL
 """Of the light from above, which shows the shape."""
 PLAIN: Final[dict[str, Any]] = {"cast_shadow": False, "receive_shadow": False}
-LINES: Final = {"boards": 3.0, "ellipses": 2.5, "trails": 3.0, "truths": 2.5}
+LINES: Final = {"boards": 3.0, "ellipses": 2.5, "truths": 2.5}
 """Lines of a drawing, and their thickness in pixels."""
 
 

@@ -333,14 +333,6 @@ def test_counts_are_the_nearest_multiples_of_one_step(apply, pad, bits):
     assert out.min() == -0x8000
 
 
-def test_error_of_quantisation_is_uniform(apply, pad):
-    counts = np.random.default_rng(1).integers(0, 30000, (2000, 16)).astype(np.int32)
-    print("seed 1")
-    error = apply(Adc(bits=10), counts, np.zeros(2000), arm=pad, dtype=np.int32) - counts
-    assert abs(error.std() / (64 / np.sqrt(12)) - 1.0) < 0.02
-    assert abs(error.mean()) < 1.0
-
-
 def test_range_clips_below_full_scale(apply, pad):
     counts = np.full((1, 16), 30000, np.int32)
     out = apply(Adc(bits=16, range_kpa=100.0), counts, [0.0], arm=pad, dtype=np.int32)

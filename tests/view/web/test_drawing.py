@@ -6,7 +6,7 @@ import pytest
 from skinbus.estimate import TrackState
 from skinbus.master.patches.table import PatchState
 from skinbus.view.web import colours
-from skinbus.view.web.drawing import LONGEST, TRAIL_NS, Drawer
+from skinbus.view.web.drawing import LONGEST, Drawer
 from skinbus.view.web.poses import Poses
 from tests.view.web.cycles import ARM, made_cycle
 
@@ -72,28 +72,6 @@ def test_nothing_of_a_stale_cycle_is_drawn_as_of_now():
     assert (stale.tactels[0] == colours.UNKNOWN).all()
     assert not len(stale.forces.points)
     assert not stale.labels
-
-
-def test_trail_is_where_the_contact_was_for_two_seconds():
-    drawer = Drawer(ARM, Poses(ARM))
-    for n in range(1, 301):
-        drawing = drawer.draw(made_cycle(n, [{"s": 1e-4 * n, "force": 2.0}]))
-    assert len(drawing.trails.points) == TRAIL_NS // 20_000_000
-    x = drawing.trails.points[..., 0]
-    assert (x.min(), x.max()) == pytest.approx((0.02, 0.03), abs=1e-6)
-    for n in range(301, 301 + 101):
-        drawing = drawer.draw(made_cycle(n))
-    assert not len(drawing.trails.points)
-
-
-def test_new_contact_with_an_old_id_has_no_trail_of_the_old_one():
-    drawer = Drawer(ARM, Poses(ARM))
-    for n in range(1, 20):
-        drawer.draw(made_cycle(n, [{"s": 0.02, "force": 2.0}]))
-    drawer.draw(made_cycle(20, [{"s": 0.02, "state": TrackState.LIFT}]))
-    drawer.draw(made_cycle(21, [{"s": 0.12, "force": 2.0, "state": TrackState.TOUCH}]))
-    drawing = drawer.draw(made_cycle(22, [{"s": 0.12, "force": 2.0}]))
-    assert drawing.trails.points[..., 0].min() > 0.11
 
 
 def test_contact_that_has_gone_or_is_on_an_unknown_link_is_not_drawn():
