@@ -23,7 +23,7 @@ from skinbus.master import CycleReport, Master
 from skinbus.master.commissioning.sessions import OtherMaster
 from skinbus.model import Arm
 from skinbus.skin.addresses import BusAddress, find_places, shown
-from skinbus.skin.compile_ahead import Raising
+from skinbus.skin.compile_ahead import compile_for, first_level
 from skinbus.skin.contact import Level
 from skinbus.skin.feed import Feed, Positions, offer, set_zero
 from skinbus.skin.master_cycles import CycleMaker
@@ -122,12 +122,12 @@ class _MasterFeed(Feed):
         # The buses are opened first: one that cannot be is an error at once, and other masters are detected.
         with ExitStack() as stack:
             buses = [stack.enter_context(closing(place.open())) for place in places]
-            self._raising = Raising(level)
+            available = first_level(level)
             with saying_why():
                 self._master = Master(
                     arm,
                     level=level,
-                    available=self._raising.available,
+                    available=available,
                     clock=monotonic_clock(),
                     stopwatch=time.perf_counter_ns,
                     on_cycle=self._on_cycle,
@@ -148,7 +148,8 @@ class _MasterFeed(Feed):
             )
             undo.pop_all()
         self._thread.start()
-        self._raising.start(self._master)
+        if available != level:
+            compile_for(self._master, level)
 
     def zero(self, patch: int | None) -> None:
         """Take new zeros at the end of the next cycle."""
@@ -163,7 +164,6 @@ class _MasterFeed(Feed):
 
     def close(self) -> None:
         """Take contacts back, stop the patches, and end the thread."""
-        self._raising.close()
         self._thread.stop()
         if self._writer:
             self._writer.close()

@@ -42,7 +42,7 @@ from skinbus.master.memory import Memory
 from skinbus.master.patches.table import PatchState
 from skinbus.model import Arm
 from skinbus.skin.addresses import find_places, shown
-from skinbus.skin.compile_ahead import Raising
+from skinbus.skin.compile_ahead import compile_for, first_level
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.opened import refuse_other_master
 from skinbus.skin.shared_memory import SharedWriter
@@ -107,14 +107,14 @@ def command(
     """
     loaded = load_arm(arm)
     places = find_places(loaded.buses, *where)
-    console, raising = Console(), Raising(level)
+    console, available = Console(), first_level(level)
     run = Run(loaded, console)
     attempts = Attempts(run.notifier, run.say, waits=wait)
     with ExitStack() as ears:
         # The buses are opened first: one that cannot be is reported at once; frames are received meanwhile.
         listening = [ears.enter_context(closing(attempts.until_done(place.open))) for place in places]
         with compiling(console):
-            run.start(level=level, available=raising.available, budget_us=budget_us, zero_at_start=zero)
+            run.start(level=level, available=available, budget_us=budget_us, zero_at_start=zero)
         for ear, place in zip(listening, places, strict=True):
             attempts.until_done(partial(refuse_other_master, ear, place, 2.0 / loaded.bus.rate_hz))
     host = Host(
@@ -132,11 +132,10 @@ def command(
             run.keep(state_file)
         patches = f"{counted(loaded.n_patches, 'patch')} on {shown(places)}"
         echo(f"{loaded.name}: {patches}, SYNC at {loaded.bus.rate_hz:g} Hz; Ctrl-C stops")
-        if raising.available != level:
-            run.say(f"contacts of level {raising.available} until {level} is compiled")
         stack.enter_context(host)
-        stack.enter_context(closing(raising))
-        raising.start(run.master)
+        if available != level:
+            run.say(f"contacts of level {available} until {level} is compiled")
+            compile_for(run.master, level)
         if quiet or not console.is_terminal:
             host.wait(seconds, then=run.save)
         else:
