@@ -184,7 +184,7 @@ def verdict(summary: Mapping[str, Any]) -> str:
         found = (
             f"{missed} of {counted(summary['touches'], 'touch')} missed, "
             f"{counted(false, 'contact')} false: touches closer than two pitches need --level full and a "
-            "calibrated law, and bare skin shows none (`skinbus scene check` names them)."
+            "calibrated law, and bare skin shows none (`skinbus view` shows where they are)."
         )
     else:
         found = "Every touch was found and no contact was false."

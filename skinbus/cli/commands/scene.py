@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 
 import click
@@ -13,7 +12,6 @@ from skinbus.cli.formatting import counted
 from skinbus.cli.output import echo
 from skinbus.robot.chain import check_robot
 from skinbus.sim import catalogue, load_scene, scene_names
-from skinbus.sim.bare_skin import bare_touches
 from skinbus.sim.cost import measure
 
 
@@ -76,12 +74,6 @@ def check(file: str) -> None:
         f"{file}: no faults; {counted(scene.arm.n_patches, 'patch')} of {scene.arm.name}, "
         f"{counted(len(scene.touches), 'touch')}, {scene.duration_s:g} s, {scene.layer.law} layer, {names}"
     )
-    for touch in bare_touches(scene):
-        when = "" if touch.share == 1.0 else f" for {100.0 * touch.share:.0f} % of its time"
-        where = f"the nearest tactel, {1e3 * touch.nearest:.1f} mm away, stays below its threshold"
-        if math.isinf(touch.nearest):
-            where = "its link has no board"
-        echo(f"note: touch {touch.number} ({touch.force:g} N) makes no contact{when}: {where}")
 
 
 @command.command()

@@ -1,6 +1,5 @@
 """`skinbus scene`: its lists, its verdict on a file, its prices."""
 
-import re
 import subprocess
 import sys
 
@@ -8,8 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from skinbus.cli.commands.scene import command
-from skinbus.sim import load_scene, scene_names
-from skinbus.sim.bare_skin import bare_touches
+from skinbus.sim import scene_names
 from skinbus.sim.effects import ORDER
 
 
@@ -41,40 +39,6 @@ def test_check_says_that_a_file_is_right(tmp_path):
     result = invoke("check", str(path))
     assert result.exit_code == 0
     assert "no faults" in result.output
-
-
-TOUCH = """[[touch]]
-link = "tube"
-force_n = {force}
-{place}
-"""
-
-
-def test_check_names_touches_that_no_tactel_shows(tmp_path):
-    path = tmp_path / "bare.toml"
-    places = [
-        (8, "s_mm = 26\nangle_deg = 0"),  # a board
-        (8, "s_mm = 26\nangle_deg = 90"),
-        (0.001, "s_mm = 26\nangle_deg = 0"),
-        (8, "path = [[0, 26, 0], [4, 26, 90]]"),
-    ]
-    touches = "".join(TOUCH.format(force=force, place=place) for force, place in places)
-    path.write_text('[scene]\narm = "one.toml"\nduration_s = 4\n' + touches)
-    (tmp_path / "one.toml").write_text(
-        '[arm]\nname = "one"\n[[link]]\nname = "tube"\nsurface = "cylinder"\nlength_mm = 60\nradius_mm = 50\n'
-        '[[patch]]\nnode_id = 1\nlink = "tube"\ns_mm = 30\nangle_deg = 0\n'
-    )
-    result = invoke("check", str(path))
-    assert result.exit_code == 0
-    notes = [line for line in result.output.splitlines() if line.startswith("note:")]
-    assert [note.split()[2] for note in notes] == ["2", "3", "4"]
-    assert "touch 2 (8 N) makes no contact: the nearest tactel, 6" in notes[0]  # mm away, round the tube
-    assert re.search(r"for [4-6]\d % of its time", notes[2])
-
-
-@pytest.mark.parametrize("name", scene_names())
-def test_no_touch_of_a_scene_that_ships_is_on_bare_skin(name):
-    assert bare_touches(load_scene(name)) == []
 
 
 @pytest.mark.slow
