@@ -13,9 +13,10 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.estimate import Baseline, Plausibility
 from skinbus.master.alarms import BusAlarms, PatchAlarms, PlausibilityReport, report_other_bus
-from skinbus.master.commissioning.sessions import OtherMaster, timeouts_of
+from skinbus.master.commissioning.sessions import timeouts_of
 from skinbus.master.gather import Gather
 from skinbus.master.network import Commands, Network
+from skinbus.master.other_master import Contest, OtherMaster
 from skinbus.master.patches.provisioning import ExpectedNode
 from skinbus.master.patches.supervisor import PassiveMonitor, PatchMonitor, Supervisor
 from skinbus.master.patches.table import Mask, PatchTable
@@ -91,7 +92,7 @@ class BusMaster:
         device = self.device.cob_ids
         if device is not self._device_ids:
             self._device_ids = device
-            self._cob_ids = device | self.supervisor.cob_ids | self._data_ids | {cia.SYNC_ID}
+            self._cob_ids = device | self.supervisor.cob_ids | self._data_ids | Contest.cob_ids
         return self._cob_ids
 
     def rests(self, now_ns: int) -> bool:

@@ -18,6 +18,7 @@ from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import ods_of
+from skinbus.errors import BusError
 from skinbus.estimate import DEFAULT_LEVEL, LEVELS, Clock, Estimator, Quality
 from skinbus.estimate.validation import check_arm
 from skinbus.master.bus_master import BusMaster
@@ -25,6 +26,7 @@ from skinbus.master.cycle import Cycle, CycleReport
 from skinbus.master.freshness import GAP, Freshness
 from skinbus.master.gather import Gather
 from skinbus.master.level_control import CycleFlags, LevelControl
+from skinbus.master.other_master import Contest
 from skinbus.master.patches.provisioning import expected_nodes
 from skinbus.master.patches.table import Mask, PatchState, PatchTable
 from skinbus.master.publish import Publisher
@@ -49,6 +51,7 @@ class Master(Core):
     With ``follows`` it sends no SYNC and boots no patch: cycles begin with the SYNCs on the bus, and all
     readings in answer to them are taken as fresh, which a listener or a replay cannot verify.
     ``available`` is the highest level whose kernels are compiled, until ``allow`` raises it.
+    With a ``number`` of 32 bits, another for each master, it gives way to a better claim of the bus.
     """
 
     def __init__(
@@ -60,6 +63,7 @@ class Master(Core):
         budget_us: float | None = None,
         clock: Clock | None = None,
         node_id: int = MASTER_NODE_ID,
+        number: int | None = None,
         start: str = "maxima",
         zero_at_start: bool = False,
         follows: bool = False,
@@ -99,6 +103,7 @@ class Master(Core):
         ]
         """By bus."""
         self._follows = follows
+        self._contest = None if number is None else Contest(node_id, number, len(arm.buses))
         self.publisher = Publisher(arm, [branch.device for branch in self.branches])
         if self.robot:
             self.robot.publish_on([branch.device for branch in self.branches])
@@ -121,6 +126,11 @@ class Master(Core):
     def n_buses(self) -> int:
         """On how many buses the arm is."""
         return len(self.branches)
+
+    @property
+    def gave_way(self) -> BusError | None:
+        """Why it is silent, when another master has the bus."""
+        return self._contest.error if self._contest else None
 
     @property
     def cob_ids(self) -> frozenset[int]:
@@ -179,6 +189,16 @@ class Master(Core):
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
+        claims: list[Frame] = []
+        if self._contest:
+            if self._contest.error:
+                return Step((), (), NEVER)
+            claims = self._contest.step(now_ns, frames)
+            if error := self._contest.error:
+                news = Event(t_ns=now_ns, kind=EventKind.OTHER_MASTER, detail=str(error))
+                return Step((), [news, Event(t_ns=now_ns, kind=EventKind.STOP)], NEVER)
+            if not self._contest.has_begun:
+                return Step(claims, (), self._contest.wake_ns)
         if self.branches[0].boots:
             self._begin_anew()
         frames_of = self._by_bus(frames)
@@ -204,10 +224,15 @@ class Master(Core):
         wake_ns = min(branch.wake_ns for branch in self.branches)
         if self.gather.is_open:  # the SYNC may just have opened it
             wake_ns = min(wake_ns, self._deadline)
-        return Step(out, events, wake_ns)
+        return Step(claims + out, events, wake_ns)
 
     def stop(self, now_ns: int) -> list[Frame]:
-        """Return the last frames on all buses: contacts taken back, patches to pre-operational."""
+        """Return the last frames on all buses: contacts taken back, patches to pre-operational.
+
+        None from a master that has sent nothing yet, or has given way: the patches are another's.
+        """
+        if self._contest and (self._contest.error or not self._contest.has_begun):
+            return []
         self._forget_contacts()
         for branch in self.branches:
             self.publisher.repeat(branch.number)

@@ -98,6 +98,8 @@ SIGNATURE_LOAD = 0x64616F6C  # "load", 7.5.2.14
 # --- COB-IDs, CiA 301 table 39 (the predefined connection set) -------------------------------------
 MAX_NODE_ID = 127
 NMT_COMMAND_ID = 0x000
+ACTIVE_MASTER_ID = 0x071
+"""Which master is active (CiA 302-2, flying master)."""
 SYNC_ID = 0x080
 EMCY_BASE = 0x080
 TIME_ID = 0x100

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import secrets
 import threading
 import time
 from collections import deque
@@ -20,7 +21,7 @@ from skinbus.errors import ArgumentError, BusError
 from skinbus.estimate import DEFAULT_LEVEL, LEVELS, monotonic_clock
 from skinbus.jit import on_compile
 from skinbus.master import CycleReport, Master
-from skinbus.master.commissioning.sessions import OtherMaster
+from skinbus.master.other_master import OtherMaster
 from skinbus.model import Arm
 from skinbus.skin.addresses import BusAddress, find_places, shown
 from skinbus.skin.compile_ahead import compile_for, first_level
@@ -126,6 +127,7 @@ class _MasterFeed(Feed):
             with saying_why():
                 self._master = Master(
                     arm,
+                    number=secrets.randbits(32),
                     level=level,
                     available=available,
                     clock=monotonic_clock(),
@@ -142,7 +144,7 @@ class _MasterFeed(Feed):
                 *(place.open for place in places),
                 final_frames=self._master.stop,
                 on_step=self._on_step,
-                on_end=self.end,
+                on_end=lambda error: self.end(error or self._master.gave_way),
                 complain=LOG.info,
                 urgent=True,
             )

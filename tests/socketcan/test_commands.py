@@ -71,6 +71,22 @@ def test_a_master_that_is_killed_is_followed_at_once_and_one_that_is_terminated_
     end(sim)
 
 
+def test_of_two_masters_that_are_started_together_one_runs(start, channel):
+    sim = start("sim", "pad", "--channel", channel)
+    runs = [start("run", "pad", "--channel", channel, "--quiet") for _ in range(2)]
+    with SocketCanBus(channel) as observer:
+        frames_until(observer, lambda frame: any(run.poll() is not None for run in runs))
+        (loser,) = [run for run in runs if run.poll() is not None]
+        out, _ = loser.communicate(timeout=PATIENCE_S)
+        assert (loser.returncode, "another master" in out or "a master is at work" in out) == (3, True), out
+        frames_until(observer, shows_force)
+    (winner,) = [run for run in runs if run is not loser]
+    winner.send_signal(signal.SIGTERM)
+    out, _ = winner.communicate(timeout=PATIENCE_S)
+    assert winner.returncode == 0 or "silent: " in out, out
+    end(sim)
+
+
 def test_doctor_tells_of_a_wrong_bit_rate_and_a_short_queue(start, channel):
     with SlcanAdapter(channel) as adapter:  # at 500 kbit/s, with the ten frames that Linux gives
         doctor = start("doctor", "--channel", adapter.channel)

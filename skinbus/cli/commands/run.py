@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import sys
 import time
 from collections import deque
@@ -143,6 +144,8 @@ def command(
                 host.wait(seconds, REFRESH_S, partial(run.show, Screen(loaded), live))
         run.notifier.stopping()
     run.notifier.close()
+    if run.master.gave_way:
+        raise run.master.gave_way
     run.save(at_end=True)
     n_alive = run.print_end(any_received=bool(host.report.n_received))
     if json_file:
@@ -169,6 +172,7 @@ class Run:
         """Make the master."""
         self.master = Master(
             self._arm,
+            number=secrets.randbits(32),
             clock=monotonic_clock(),
             stopwatch=time.perf_counter_ns,
             on_cycle=self._take,

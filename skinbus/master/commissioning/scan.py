@@ -13,7 +13,8 @@ from typing import NamedTuple
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
-from skinbus.master.commissioning.sessions import OtherMaster, Request, Script, Sessions
+from skinbus.master.commissioning.sessions import Request, Script, Sessions
+from skinbus.master.other_master import OtherMaster
 from skinbus.master.patches.provisioning import NUMBERS, Identity
 from skinbus.node.lss import Lss, lss_request
 from skinbus.objects import cia

@@ -1,20 +1,18 @@
 """Sessions with nodes side by side: scripts that yield SDO transfers or LSS exchanges and get the replies.
 
 A script is a generator, so that it reads like the protocol it follows, while many of them run at once without
-threads. All tools on a bus give way to another master.
+threads.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from skinbus.can.core import NEVER, receives
-from skinbus.can.event import Event, EventKind
+from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
-from skinbus.errors import BusError
 from skinbus.model import Arm, BusSettings
 from skinbus.node.context import NS_PER_MS
 from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS, SdoClient
@@ -329,41 +327,3 @@ def _keys(frames: Sequence[Frame]) -> list[bytes]:
         for frame in frames
         if len(frame.data) == FRAME_LENGTH and frame.data[0] >> 5 in INITIATE_ANSWERS
     ]
-
-
-GONE_NS = 2_000_000_000
-"""Without a SYNC of others for so long, there is no other master: long against any useful period."""
-
-_SYNC = frozenset({cia.SYNC_ID})
-
-
-class OtherMaster:
-    """Detects another master while it is there.
-
-    A master at work reports it and goes on: two masters that both gave way would leave the arm without any.
-    One that is about to begin, and a tool that configures, gives way.
-    """
-
-    cob_ids = _SYNC
-
-    def __init__(self) -> None:
-        self.last_ns = 0
-        """Time of its newest SYNC."""
-        self.is_present = False
-        """Whether there is another master."""
-
-    def refuse(self, where: str) -> None:
-        """Raise BusError while there is one: two masters would reset each other's patches."""
-        if self.is_present:
-            raise BusError(f"a master is at work on {where} (it sends SYNC); stop it first")
-
-    def step(self, now_ns: int, frames: Iterable[Frame]) -> list[Event]:
-        """Take the frames of the bus, among which are none of ours; return what is new."""
-        if any(receives(_SYNC, frame) for frame in frames):
-            is_new, self.is_present, self.last_ns = not self.is_present, True, now_ns
-            detail = "SYNC of another master; stop one of the two"
-            return [Event(t_ns=now_ns, kind=EventKind.OTHER_MASTER, detail=detail)] if is_new else []
-        if self.is_present and now_ns - self.last_ns > GONE_NS:
-            self.is_present = False
-            return [Event(t_ns=now_ns, kind=EventKind.OTHER_MASTER_END)]
-        return []

@@ -19,13 +19,13 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.master.commissioning.sessions import (
     Exchange,
-    OtherMaster,
     Reply,
     Request,
     Script,
     Sessions,
     Timeouts,
 )
+from skinbus.master.other_master import OtherMaster
 from skinbus.model import Arm
 from skinbus.node.nmt import nmt_frame
 from skinbus.node.sdo_client import ASK_UPLOAD
