@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
-ARMS: Final = ("pad", "forearm", "arm")
-"""Of those that ship: one board, a ring of boards on one bus, a whole arm."""
 DIAMETERS: Final = (0.010, 0.012, 0.015)
 """Of fingertips, m."""
 PRESSES: Final = 300
@@ -299,23 +297,27 @@ def decide(points: Sequence[Point]) -> Point:
 
 
 def situations(points: Sequence[Point]) -> list[list[Point]]:
-    """Return the levels of each arm, condition, bits and number of fingers, in the order they came in."""
-    keys = dict.fromkeys((p.arm, p.condition, p.bits, p.fingers) for p in points)
+    """Return the levels of each arm, condition, bits and number of fingers, sorted."""
+    keys = sorted({(p.arm, p.condition, p.bits, p.fingers) for p in points})
     return [[p for p in points if (p.arm, p.condition, p.bits, p.fingers) == key] for key in keys]
 
 
-TITLES: Final = ("arm", "skin", "fingers", *LEVELS, "run", "touch to contact")
+TITLES: Final = ("boards", *LEVELS, "run", "touch to contact")
 """Of the columns of ``table``."""
 
 
 def table(points: Sequence[Point]) -> list[list[str]]:
-    """Return a row for each situation: error and wrong counts of each level, the one to run, its latency."""
+    """Return a row for each arm, bits and condition; cells are "one finger / two (their wrong counts)"."""
     rows = []
-    for own in situations(points):
-        run = decide(own)
-        cells = [f"{p.p95_mm:.2g} mm, {p.wrong_count_pct:.0f} %" for p in own]
-        skin = f"{run.bits} bit, {run.condition}"
-        rows.append([run.arm, skin, FINGERS[run.fingers], *cells, run.level, f"{run.latency_ms:.1f} ms"])
+    found = situations(points)
+    for one, two in zip(found[::2], found[1::2], strict=True):
+        cells = [
+            f"{p.p95_mm:.2g} / {q.p95_mm:.2g} mm ({q.wrong_count_pct:.0f} %)"
+            for p, q in zip(one, two, strict=True)
+        ]
+        p, q = decide(one), decide(two)
+        boards = f"{p.arm}, {p.bits} bit, {p.condition}"
+        rows.append([boards, *cells, f"{p.level} / {q.level}", f"{p.latency_ms:.0f} / {q.latency_ms:.0f} ms"])
     return rows
 
 

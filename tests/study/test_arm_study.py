@@ -109,7 +109,7 @@ def test_points_of_an_arm_become_a_report_a_figure_and_a_table(tmp_path, monkeyp
     )
     assert result.exit_code == 0, result.output
     assert "<svg" in out.read_text()
-    assert page.read_text().count("\n| pad |") == 8
+    assert page.read_text().count("\n| pad, ") == 4
     assert "old" not in page.read_text()
     assert {file.name for file in figures.iterdir()} == {"accuracy.csv", "accuracy-pad.svg"}
     assert len((figures / "accuracy.csv").read_text().splitlines()) == 1 + N_POINTS

@@ -61,16 +61,16 @@ def arm(
     folder: Path | None,
     page: Path | None,
 ) -> None:
-    """Measure error against time for each ARM (a name or a TOML file), and say which level to run.
+    """Measure error against time for each ARM (a name or a TOML file; forearm), and say which level to run.
 
     Points are the levels with readings of 8 and 16 bits, on a calibrated skin pushed straight and on one as
     it ships under inclined pushes. Computing is measured on this machine, the wire is the worst case that
-    `skinbus plan` computes. The shipped arms unless others are named.
+    `skinbus plan` computes. Differences below the scatter are ties, and the cheaper level wins them.
 
     \b
     Examples:
       skinbus study arm my-arm.toml
-      skinbus study arm --out docs/figures/accuracy.html --figures docs/figures --page docs/accuracy-time.md
+      skinbus study arm --figures docs/figures --page docs/accuracy-time.md
     """
     from skinbus.config.system import load_arm
     from skinbus.study import arm_study
@@ -83,7 +83,7 @@ def arm(
     marks = Marks("<!-- decisions: made by skinbus study arm -->", "<!-- end of decisions -->")
     if page:
         marks.read(page)  # refused now, not after minutes
-    loaded = [load_arm(name, check_load=False) for name in arms or arm_study.ARMS]
+    loaded = [load_arm(name, check_load=False) for name in arms or ("forearm",)]
     names = ", ".join(arm.name for arm in loaded)
     about = (
         f"{trials} cycles for each point, seed {seed}. Fingertips of 10 to 15 mm press 2 to 12 N anywhere on "
