@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skinbus.estimate import Estimator
-from skinbus.estimate.baseline import Baseline
-from skinbus.estimate.kernels.zeros import FORGET_S
+from skinbus.estimate.baseline import FORGET_S, Baseline
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Surface
 
 SIGMA = 200.0
