@@ -42,18 +42,16 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
-from skinbus.estimate.columns import filled
 from skinbus.estimate.contacts import Contacts
-from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.kernels.constants import BAD_FIT
-from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
+from skinbus.estimate.kernels.geometry import LinkSurface, distance, surface_of, wrap
 from skinbus.estimate.validation import check_arm, check_time
 from skinbus.jit import inner_kernel, kernel
 from skinbus.model import Arm
@@ -61,6 +59,7 @@ from skinbus.model import Arm
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
+Rows = npt.NDArray[Any]
 
 MAX_TRACKS: Final = 64
 """Most tracks, and most contacts of a cycle that are looked at (the strongest); the wire shows 16."""
@@ -225,52 +224,39 @@ class KeptTrack(NamedTuple):
     force: float
 
 
-class _Work(NamedTuple):
-    """Columns of MAX_TRACKS rows: tracks, contacts of this cycle (c_...), and what both have together."""
+TRACK: Final = np.dtype(
+    [
+        *((name, "i8") for name in ("identity", "id", "slot", "state", "why", "row", "link", "patch")),
+        *((name, "i8") for name in ("born_ns", "seen_ns", "updated_ns", "shown_ns", "missed", "hider")),
+        *((name, "?") for name in ("doubted", "shared", "moving")),
+        *((name, "f8") for name in ("s", "a", "force")),
+        ("mean", "f8", 5),
+        ("covariance", "f8", (5, 5)),
+    ],
+    align=True,
+)
+"""A track; its public columns are those of :class:`Tracks`.
 
-    identity: Ints  # 0 where the row is free
-    id: Ints
-    slot: Ints
-    state: Ints
-    why: Ints
-    row: Ints  # contact of this cycle, -1 for none
-    link: Ints
-    patch: Ints
-    raw: Floats  # (m, 3) s, a, force as last seen
-    born_ns: Ints
-    seen_ns: Ints
-    updated_ns: Ints  # last time the filter took a contact in
-    shown_ns: Ints  # last time it was seen, or a contact was strong enough to be its too
-    doubted: Bools  # the last contact was off its line, and not taken in
-    missed: Ints  # cycles since it was seen
-    hider: Ints  # track whose contact hides it, -1 for none
-    shared: Bools  # its contact is that of hidden tracks too
-    moving: Bools
-    x: Floats  # (m, 5)
-    P: Floats  # (m, 5, 5)
-
-    c_link: Ints
-    c_patch: Ints
-    c_quality: Ints
-    c_z: Floats  # (m, 3)
-    c_cov: Floats  # (m, 3, 3)
-    c_track: Ints  # the track it went to, -1 for none
-    c_usable: Bools
-    c_crowded: Bools
-
-    away: Floats  # (m, m) m, tracks from contacts; infinite where they are not of one link
-    cost: Floats  # (m, m)
-    surface: Floats  # (n_links, 4), see ``kernels.geometry.LinkSurface``
-
-
-def _make_work(arm: Arm) -> _Work:
-    m = MAX_TRACKS
-    shapes = {"raw": (m, 3), "x": (m, 5), "P": (m, 5, 5), "c_z": (m, 3), "c_cov": (m, 3, 3)}
-    made: dict[str, Any] = {name: np.zeros(shape) for name, shape in shapes.items()}
-    made |= {name: np.full(m, -1, np.int64) for name in ("slot", "row", "hider")}
-    made |= {name: np.full((m, m), np.inf) for name in ("away", "cost")}
-    surface = np.stack([arm.link_radius, arm.link_taper, arm.link_period, arm.link_length], -1)
-    return filled(_Work, m, {}, surface=surface, **made)
+identity   0 where the row is free
+updated_ns last time the filter took a contact in
+shown_ns   last time it was seen, or a contact was strong enough to be its too
+missed     cycles since it was seen
+hider      track whose contact hides it, -1 for none
+doubted    the last contact was off its line, and not taken in
+shared     its contact is that of hidden tracks too
+"""
+CONTACT: Final = np.dtype(
+    [
+        *((name, "i8") for name in ("link", "patch", "quality", "track")),
+        *((name, "?") for name in ("usable", "crowded")),
+        ("z", "f8", 3),
+        ("R", "f8", (3, 3)),
+    ],
+    align=True,
+)
+"""A contact of this cycle: s, a, force and their covariance; the track it went to, -1 for none."""
+_PLACE: Final = ["s", "a", "force"]
+_PUBLIC: Final = [field.name for field in fields(Tracks) if field.name in (TRACK.names or ())]
 
 
 class Tracker:
@@ -307,26 +293,30 @@ class Tracker:
         self._blind_ns = round(1e9 * blind_s)
         self._merge_ns = round(1e9 * merge_s)
         self._pitch = np.array([placed.patch.pitch for placed in arm.patches])[arm.tactel_patch]
+        surface = [arm.link_radius, arm.link_taper, arm.link_period, arm.link_length]
+        self._surface = np.stack(surface, -1)
+        self._contacts = np.zeros(MAX_TRACKS, CONTACT)
+        self._away, self._cost = np.full((2, MAX_TRACKS, MAX_TRACKS), np.inf)
         self._waiting: list[tuple[KeptTrack, int]] = []
         self._first_ns: int | None = None
         self._last = (0, 0)
         self.reset()
-        _price(self._table, 0.0, 0, 0)  # compiled now
-        _take(self._table, 0.0, 0)
+        self._price(0, 0.0, 0)  # compiled now
+        _take(self._tracks, self._contacts, self._surface, 0.0, 0)
 
     def reset(self) -> None:
         """Forget all tracks at once, without a word; identities go on counting."""
-        self._work = _make_work(self.arm)
-        self._table = array_table(self._work)
+        self._tracks = np.zeros(MAX_TRACKS, TRACK)
+        for name in ("slot", "row", "hider"):
+            self._tracks[name] = -1
         self._last_ns: int | None = None
 
     def kept(self) -> list[KeptTrack]:
         """Return the contacts that are shown, those among them that still wait for their patch."""
-        w = self._work
-        rows = np.flatnonzero((w.identity != 0) & (w.slot >= 0) & (w.state != LIFT))
-        columns = (w.identity, w.id, w.slot, w.link, w.patch, *w.raw.T)
-        found = zip(*(column[rows].tolist() for column in columns), strict=True)
-        return [*(KeptTrack(*row) for row in found), *(track for track, _ in self._waiting)]
+        w = self._tracks
+        shown = w[(w["identity"] != 0) & (w["slot"] >= 0) & (w["state"] != LIFT)]
+        found = [KeptTrack(*row) for row in shown[list(KeptTrack._fields)].tolist()]
+        return [*found, *(track for track, _ in self._waiting)]
 
     def last(self) -> tuple[int, int]:
         """Return the identity and the number that were given last."""
@@ -351,7 +341,7 @@ class Tracker:
             ValueError: ``fresh`` has the wrong shape.
         """
         t_ns = check_time(t_ns)
-        w, shape = self._work, (self.arm.n_patches,)
+        w, shape = self._tracks, (self.arm.n_patches,)
         flags = np.ones(shape, np.bool_) if fresh is None else np.asarray(fresh, np.bool_)
         if flags.shape != shape:
             raise ValueError(f"fresh must have shape {shape}, got {flags.shape}")
@@ -359,195 +349,201 @@ class Tracker:
         chosen = np.arange(n)
         if len(contacts) > n:
             chosen = np.argsort(-np.nan_to_num(contacts.force), kind="stable")[:n]
-        w.c_link[:n], w.c_patch[:n] = contacts.link[chosen], contacts.patch[chosen]
-        w.c_z[:n] = np.stack([contacts.s, contacts.a, contacts.force], -1)[chosen]
-        w.c_cov[:n], w.c_quality[:n] = contacts.covariance[chosen], contacts.quality[chosen]
+        c = self._contacts[:n]
+        for name in ("link", "patch", "quality"):
+            c[name] = getattr(contacts, name)[chosen]
+        for k, name in enumerate(_PLACE):
+            c["z"][:, k] = getattr(contacts, name)[chosen]
+        c["R"] = contacts.covariance[chosen]
         if self._waiting:
             self._take_up(t_ns, flags)
         dt = self._begin(t_ns)
-        _price(self._table, dt, t_ns, n)
-        (live,) = np.nonzero((w.identity != 0) & (w.state != LIFT))
-        cost = w.cost[live, :n]
-        i, j = linear_sum_assignment(cost)
-        paid = cost[i, j]
-        i, j = live[i[paid < COST_NONE]], j[paid < COST_NONE]
-        w.row[i], w.c_track[j] = j, i
-        w.doubted[i] |= w.cost[i, j] >= COST_AGAIN
-        for k in live[w.row[live] < 0].tolist():
-            self._miss(k, n, t_ns, flags)
-        _take(self._table, dt, t_ns)
-        self._spawn(t_ns, n)
-        return self._tracks(t_ns, len(contacts), chosen)
+        self._price(n, dt, t_ns)
+        (live,) = np.nonzero((w["identity"] != 0) & (w["state"] != LIFT))
+        i, j = linear_sum_assignment(self._cost[live, :n])
+        i = live[i]
+        is_pair = self._cost[i, j] < COST_NONE
+        i, j = i[is_pair], j[is_pair]
+        w["row"][i], c["track"][j] = j, i
+        w["doubted"][i] |= self._cost[i, j] >= COST_AGAIN
+        for k in live[w["row"][live] < 0].tolist():
+            self._miss(k, c, t_ns, flags)
+        _take(w, c, self._surface, dt, t_ns)
+        self._spawn(t_ns, c)
+
+        rows = np.flatnonzero(w["identity"])
+        place = np.full(MAX_TRACKS + 1, -1, np.int64)  # the last one is that of no track
+        place[rows] = np.arange(len(rows))
+        contact_row = np.full(len(contacts), -1, np.int64)
+        contact_row[chosen] = place[c["track"]]
+        shown = w[rows]
+        seen = shown["row"] >= 0
+        shown["row"][seen] = chosen[shown["row"][seen]]
+        return Tracks(t_ns=t_ns, contact_row=contact_row, **{name: shown[name] for name in _PUBLIC})
+
+    def _price(self, n: int, dt: float, t_ns: int) -> None:
+        _price(self._tracks, self._contacts[:n], self._surface, self._away, self._cost, dt, t_ns)
 
     def _begin(self, t_ns: int) -> float:
         """Free what was lifted in the last cycle, end what was not seen for too long; return the step, s."""
-        w = self._work
+        w = self._tracks
         dt_ns = 0 if self._last_ns is None else t_ns - self._last_ns
         self._last_ns = t_ns
-        lifted = w.state == LIFT
-        w.identity[lifted] = w.id[lifted] = 0
-        w.state[lifted], w.slot[lifted] = FREE, -1
+        lifted = w["state"] == LIFT
+        w["identity"][lifted] = w["id"][lifted] = w["state"][lifted] = 0
+        w["slot"][lifted] = -1
         if dt_ns < 0:  # the clock was set back: everything that was remembered goes with it
-            for column in (w.born_ns, w.seen_ns, w.updated_ns, w.shown_ns):
-                column += dt_ns
-        w.row[:], w.shared[:] = -1, False
-        w.missed[:] += 1
-        w.state[(w.identity != 0) & (t_ns - w.seen_ns > self._blind_ns)] = LIFT
+            for name in ("born_ns", "seen_ns", "updated_ns", "shown_ns"):
+                w[name] += dt_ns
+        w["row"], w["shared"] = -1, False
+        w["missed"] += 1
+        w["state"][(w["identity"] != 0) & (t_ns - w["seen_ns"] > self._blind_ns)] = LIFT
         return 1e-9 * max(dt_ns, 0)
 
-    def _spawn(self, t_ns: int, n: int) -> None:
+    def _spawn(self, t_ns: int, c: Rows) -> None:
         """Begin a track for contacts that have none, the strongest first; give free slots to the oldest."""
-        w = self._work
-        new = np.flatnonzero(w.c_usable[:n] & (w.c_track[:n] < 0))
-        order = np.lexsort((w.c_z[new, 1], w.c_z[new, 0], w.c_link[new], -w.c_z[new, 2]))
-        free = np.flatnonzero(w.identity == 0)
+        w, (s, a, force) = self._tracks, c["z"].T
+        new = np.flatnonzero(c["usable"] & (c["track"] < 0))
+        order = np.lexsort((a[new], s[new], c["link"][new], -force[new]))
+        free = np.flatnonzero(w["identity"] == 0)
         for i, j in zip(free.tolist(), new[order].tolist(), strict=False):
             identity, number = self._last[0] + 1, self._last[1] % N_IDS + 1
-            while number in w.id:
+            while number in w["id"]:
                 number = number % N_IDS + 1
             self._last = identity, number
-            link, patch = int(w.c_link[j]), int(w.c_patch[j])
-            self._put(i, KeptTrack(identity, number, -1, link, patch, *w.c_z[j].tolist()), t_ns)
-            w.P[i, [0, 1, 4], [0, 1, 4]] = w.c_cov[j].diagonal()
-            w.state[i], w.row[i], w.c_track[j] = TOUCH, j, i
-        waits = np.flatnonzero((w.identity != 0) & (w.slot < 0) & (w.row >= 0))
+            link, patch = int(c["link"][j]), int(c["patch"][j])
+            self._put(i, KeptTrack(identity, number, -1, link, patch, *c["z"][j].tolist()), t_ns)
+            w["covariance"][i, [0, 1, 4], [0, 1, 4]] = c["R"][j].diagonal()
+            w["state"][i], w["row"][i], c["track"][j] = TOUCH, j, i
+        waits = np.flatnonzero((w["identity"] != 0) & (w["slot"] < 0) & (w["row"] >= 0))
         if len(waits):
-            slots = np.setdiff1d(np.arange(self._n_slots), w.slot)
-            for i, slot in zip(waits[np.argsort(w.identity[waits])], slots, strict=False):
-                w.slot[i], w.state[i] = slot, TOUCH
+            slots = np.setdiff1d(np.arange(self._n_slots), w["slot"])
+            for i, slot in zip(waits[np.argsort(w["identity"][waits])], slots, strict=False):
+                w["slot"][i], w["state"][i] = slot, TOUCH
 
     def _take_up(self, t_ns: int, fresh: Bools) -> None:
         """Begin the tracks whose patches are read, before the contacts of this cycle are looked at."""
-        w = self._work
-        if self._first_ns is None:
-            self._first_ns = t_ns
-        still: list[tuple[KeptTrack, int]] = []
-        for track, within_ns in self._waiting:
-            if t_ns - self._first_ns > within_ns:
-                continue
-            if not fresh[track.patch]:
-                still.append((track, within_ns))
-                continue
-            free = np.flatnonzero(w.identity == 0)
-            if len(free) and track.identity not in w.identity and track.id not in w.id:
-                slot = track.slot if track.slot < self._n_slots and track.slot not in w.slot else -1
+        w, waiting = self._tracks, self._waiting
+        self._first_ns = t_ns if self._first_ns is None else self._first_ns
+        waiting = [entry for entry in waiting if t_ns - self._first_ns <= entry[1]]
+        self._waiting = [entry for entry in waiting if not fresh[entry[0].patch]]
+        for track, _ in waiting:
+            free = np.flatnonzero(w["identity"] == 0)
+            is_new = track.identity not in w["identity"] and track.id not in w["id"]
+            if fresh[track.patch] and len(free) and is_new:
+                slot = track.slot if track.slot < self._n_slots and track.slot not in w["slot"] else -1
                 self._put(int(free[0]), track._replace(slot=slot), t_ns)
-        self._waiting = still
 
     def _put(self, i: int, track: KeptTrack, t_ns: int) -> None:
         """Begin a track in row i where it was last seen; its speed is not known."""
-        w = self._work
-        w.identity[i], w.id[i], w.slot[i], w.link[i], w.patch[i] = track[:5]
-        w.state[i], w.why[i], w.row[i], w.hider[i], w.missed[i] = HELD, SEEN, -1, -1, 0
-        w.doubted[i] = w.shared[i] = w.moving[i] = False
-        w.born_ns[i] = w.seen_ns[i] = w.updated_ns[i] = w.shown_ns[i] = t_ns
-        w.raw[i] = track.s, track.a, track.force
-        w.x[i] = track.s, track.a, 0.0, 0.0, track.force
-        place, speed, force = RESUMED_M**2, SIGMA_SPEED**2, 1.0 + (0.5 * track.force) ** 2
-        w.P[i] = np.diag([place, place, speed, speed, force])
+        t, place = self._tracks[i : i + 1], (track.s, track.a, track.force)
+        t[:] = np.zeros(1, TRACK)
+        for name, value in zip(KeptTrack._fields, track, strict=True):
+            t[name] = value
+        t["state"], t["row"], t["hider"] = HELD, -1, -1
+        for name in ("born_ns", "seen_ns", "updated_ns", "shown_ns"):
+            t[name] = t_ns
+        t["mean"][0, [0, 1, 4]] = place
+        variance = [RESUMED_M**2] * 2 + [SIGMA_SPEED**2] * 2 + [1.0 + (0.5 * track.force) ** 2]
+        t["covariance"][0] = np.diag(variance)
 
-    def _tracks(self, t_ns: int, n_contacts: int, chosen: npt.NDArray[np.intp]) -> Tracks:
-        w = self._work
-        rows = np.flatnonzero(w.identity)
-        place = np.full(MAX_TRACKS + 1, -1, np.int64)  # the last one is that of no track
-        place[rows] = np.arange(len(rows))
-        contact_row = np.full(n_contacts, -1, np.int64)
-        contact_row[chosen] = place[w.c_track[: len(chosen)]]
-        row = w.row[rows]
-        row[row >= 0] = chosen[row[row >= 0]]
-        s, a, force = w.raw[rows].T
-        names = ("identity", "id", "slot", "state", "why", "link", "patch", "born_ns", "seen_ns")
-        columns = {name: getattr(w, name)[rows] for name in names}
-        return Tracks(
-            t_ns=t_ns,
-            row=row,
-            s=s,
-            a=a,
-            force=force,
-            mean=w.x[rows],
-            covariance=w.P[rows],
-            contact_row=contact_row,
-            **columns,
-        )
-
-    def _miss(self, i: int, n: int, t_ns: int, fresh: Bools) -> None:
+    def _miss(self, i: int, c: Rows, t_ns: int, fresh: Bools) -> None:
         """Decide for a track without a contact why that is, and whether it has ended."""
-        w, arm = self._work, self.arm
-        before, hider = w.hider[i], -1
-        w.hider[i], w.state[i], w.why[i] = -1, COAST, MISSED
-        (j,) = np.nonzero((w.c_track[:n] >= 0) & (w.away[i, :n] <= MERGE_REACH))
-        if t_ns - w.seen_ns[i] <= self._merge_ns and len(j):
+        w, arm, t = self._tracks, self.arm, self._tracks[i]
+        surface, x, before = arm.links[t["link"]].surface, t["mean"], t["hider"]
+        t["hider"], t["state"], t["why"] = -1, COAST, MISSED
+        (j,) = np.nonzero((c["track"] >= 0) & (self._away[i, : len(c)] <= MERGE_REACH))
+        if t_ns - t["seen_ns"] <= self._merge_ns and len(j):
             # a contact near and strong enough to be that of both; two that meet have both been there before
-            other = w.c_track[j]
-            share = np.where(other == before, MERGE_LEAVE, MERGE_ENTER)
-            strong = w.c_z[j, 2] >= w.x[other, 4] + share * w.x[i, 4]
-            apart = np.hypot(*(w.x[i, 2:4] - w.x[other, 2:4]).T)
-            may = (w.c_quality[j] & BAD_FIT != 0) | ((w.moving[i] | w.moving[other]) & (apart > SPEED_MOVE))
-            may = (strong | (may & (t_ns - w.shown_ns[i] <= WEAK_NS))) & (w.born_ns[other] <= w.seen_ns[i])
+            others = w[c["track"][j]]
+            share = np.where(c["track"][j] == before, MERGE_LEAVE, MERGE_ENTER)
+            strong = c["z"][j, 2] >= others["mean"][:, 4] + share * x[4]
+            apart = np.hypot(*(x[2:4] - others["mean"][:, 2:4]).T)
+            may = (t["moving"] | others["moving"]) & (apart > SPEED_MOVE) | (c["quality"][j] & BAD_FIT != 0)
+            may = strong | (may & (t_ns - t["shown_ns"] <= WEAK_NS))
+            may &= others["born_ns"] <= t["seen_ns"]
             if may.any():
-                k = int(np.where(may, w.away[i, j], np.inf).argmin())
-                hider = w.hider[i] = other[k]
-                w.why[i], w.shared[hider] = HIDDEN, True
+                k = int(np.where(may, self._away[i, j], np.inf).argmin())
+                hider, z = int(c["track"][j[k]]), c["z"][j[k], :2]
+                t["hider"], t["why"], w["shared"][hider] = hider, HIDDEN, True
                 if strong[k]:
-                    w.shown_ns[i] = t_ns
+                    t["shown_ns"] = t_ns
                     for one in (i, hider):  # they go on, but not out of the contact
-                        off = w.x[one, :2] - w.c_z[j[k], :2]
-                        off[1] = arm.links[w.link[i]].surface.wrap(off[1])
-                        off *= min(1.0, MERGE_STAY / max(w.away[one, j[k]], MERGE_STAY))
-                        w.x[one, :2] = w.c_z[j[k], :2] + off
-        if hider >= 0:
-            return
-        surface, (s, a) = arm.links[w.link[i]].surface, w.x[i, :2]
-        on = arm.patch_link == w.link[i]
-        here = np.where(on, surface.distance(arm.patch_s, arm.patch_a, s, a), np.inf).argmin()
-        on = arm.tactel_healthy & (arm.tactel_link == w.link[i])
-        d = surface.distance(arm.tactel_s[on], arm.tactel_a[on], s, a) / self._pitch[on]
-        in_gap = w.moving[i] and GAP[0] < d.min(initial=np.inf) <= GAP[1]
-        if in_gap or not (fresh[w.patch[i]] and fresh[here]):
-            w.why[i] = BLIND
-        elif w.missed[i] > self._coast_cycles:
-            w.state[i] = LIFT
+                        off = w["mean"][one, :2] - z
+                        off[1] = surface.wrap(off[1])
+                        off *= min(1.0, MERGE_STAY / max(self._away[one, j[k]], MERGE_STAY))
+                        w["mean"][one, :2] = z + off
+                return
+        on = arm.patch_link == t["link"]
+        here = np.where(on, surface.distance(arm.patch_s, arm.patch_a, x[0], x[1]), np.inf).argmin()
+        on = arm.tactel_healthy & (arm.tactel_link == t["link"])
+        d = surface.distance(arm.tactel_s[on], arm.tactel_a[on], x[0], x[1]) / self._pitch[on]
+        in_gap = t["moving"] and GAP[0] < d.min(initial=np.inf) <= GAP[1]
+        if in_gap or not (fresh[t["patch"]] and fresh[here]):
+            t["why"] = BLIND
+        elif t["missed"] > self._coast_cycles:
+            t["state"] = LIFT
 
 
 @kernel
-def _price(w: _Work, dt: float, t_ns: int, n: int) -> None:
-    """Carry the tracks on by dt (s); write what it costs to pair them with the n contacts in ``w.c_*``."""
+def _price(
+    tracks: Rows, contacts: Rows, surface: Floats, away: Floats, cost: Floats, dt: float, t_ns: int
+) -> None:
+    """Carry the tracks on by dt (s); write how far off contacts are, m, and what it costs to pair them."""
+    n = len(contacts)
     for j in range(n):
-        _check_contact(w, j)
-    for i in range(MAX_TRACKS):
-        is_live = w.identity[i] != 0 and w.state[i] != LIFT
+        _check_contact(contacts[j], surface)
+    for i in range(len(tracks)):
+        t = tracks[i]
+        is_live = t.identity != 0 and t.state != LIFT
+        on = surface_of(surface, t.link)
         if is_live:
-            _predict(w, i, dt)
+            _predict(t, on, dt)
         for j in range(n):
-            is_one = is_live and w.c_usable[j] and w.c_link[j] == w.link[i]
-            w.away[i, j] = _distance(w, i, w.x[i], w.c_z[j]) if is_one else np.inf
+            c = contacts[j]
+            away[i, j] = np.inf
+            if is_live and c.usable and c.link == t.link:
+                away[i, j] = distance(on, t.mean[0], t.mean[1], c.z[0], c.z[1])
     for j in range(n):
-        near = 0
-        for i in range(MAX_TRACKS):
-            near += w.away[i, j] <= CROWD
-        w.c_crowded[j] = near > 1
+        near, c = 0, contacts[j]
+        for i in range(len(tracks)):
+            near += away[i, j] <= CROWD
+        c.crowded = near > 1
         if near > 1:  # errors of contacts that are near others are common, and no covariance says so
-            w.c_cov[j, 0, 0] += SIGMA_CROWD**2
-            w.c_cov[j, 1, 1] += (SIGMA_CROWD / _scale_of_a(w, w.c_link[j], w.c_z[j, 0])) ** 2
-            w.c_cov[j, 2, 2] += (FORCE_CROWD * w.c_z[j, 2]) ** 2
-        for i in range(MAX_TRACKS):
-            w.cost[i, j] = _pair_cost(w, i, j, t_ns) if w.away[i, j] < np.inf else COST_NONE
+            c.R[0, 0] += SIGMA_CROWD**2
+            c.R[1, 1] += (SIGMA_CROWD / _scale_of_a(surface_of(surface, c.link), c.z[0])) ** 2
+            c.R[2, 2] += (FORCE_CROWD * c.z[2]) ** 2
+        for i in range(len(tracks)):
+            cost[i, j] = COST_NONE
+            if away[i, j] < np.inf:
+                cost[i, j] = _pair_cost(tracks[i], c, surface_of(surface, c.link), away[i, j], t_ns)
 
 
 @kernel
-def _take(w: _Work, dt: float, t_ns: int) -> None:
-    """Take in what tracks are seen as."""
-    for i in range(MAX_TRACKS):
-        if w.identity[i] != 0 and w.row[i] >= 0:
-            w.hider[i] = -1
-            _update(w, i, t_ns, dt)
+def _take(tracks: Rows, contacts: Rows, surface: Floats, dt: float, t_ns: int) -> None:
+    """Take in what tracks are seen as; correct the filters of those that do not share their contact."""
+    for i in range(len(tracks)):
+        t = tracks[i]
+        if t.identity == 0 or t.row < 0:
+            continue
+        c, on, x = contacts[t.row], surface_of(surface, t.link), t.mean
+        t.s, t.a, t.force = c.z[0], c.z[1], c.z[2]
+        t.patch, t.missed, t.why, t.hider = c.patch, 0, SEEN, -1
+        t.seen_ns = t.shown_ns = t_ns
+        if dt > 0.0 and not t.shared:
+            _correct(t, c, on, t_ns)
+        scale2 = _scale_of_a(on, x[0]) ** 2
+        speed2 = x[2] ** 2 + scale2 * x[3] ** 2
+        noise2 = max(t.covariance[2, 2], scale2 * t.covariance[3, 3])
+        least2 = SPEED_HELD**2 if t.moving else max(SPEED_MOVE**2, 9.0 * noise2)
+        t.moving = speed2 > least2
+        t.state = MOVE if t.moving else HELD
 
 
 @inner_kernel
-def _predict(w: _Work, i: int, dt: float) -> None:
+def _predict(t: Any, on: LinkSurface, dt: float) -> None:
     """Carry a track on by dt, s."""
-    x, P = w.x[i], w.P[i]
-    scale = _scale_of_a(w, w.link[i], x[0])
+    x, P, scale = t.mean, t.covariance, _scale_of_a(on, t.mean[0])
     for k in range(2):
         q = ACCELERATION if k == 0 else ACCELERATION / (scale * scale)
         x[k] += dt * x[k + 2]
@@ -556,28 +552,39 @@ def _predict(w: _Work, i: int, dt: float) -> None:
         P[k + 2, k] = P[k, k + 2]
         P[k + 2, k + 2] += q * dt
     P[4, 4] += FORCE_WALK * dt
-    x[1] = wrap(x[1], surface_of(w.surface, w.link[i]).period)
+    x[1] = wrap(x[1], on.period)
 
 
 @inner_kernel
-def _correct(w: _Work, i: int, j: int, t_ns: int) -> None:
-    """Correct the filter of track i by contact j, unless it is the first that is off its line."""
-    x, P, z, R = w.x[i], w.P[i], w.c_z[j], w.c_cov[j]
-    period = surface_of(w.surface, w.link[i]).period
-    ys, ya = z[0] - x[0], wrap(z[1] - x[1], period)
-    css, csa, caa = P[0, 0] + R[0, 0], R[0, 1], P[1, 1] + R[1, 1]
-    d2 = (caa * ys * ys - 2.0 * csa * ys * ya + css * ya * ya) / (css * caa - csa * csa)
-    if d2 > GATE and not w.c_crowded[j]:
-        if not w.doubted[i]:  # a contact at a seam may be wrong by more than it says: wait for the next
-            w.doubted[i] = True
+def _miss_of(t: Any, c: Any, on: LinkSurface, slack: float) -> tuple[float, float, float, float]:
+    """Return how far a contact is off a track along s and a, m, the normalised square of that, and det C.
+
+    slack: more of a place error, m
+    """
+    P, R, scale = t.covariance, c.R, _scale_of_a(on, t.mean[0])
+    ds, da = c.z[0] - t.mean[0], wrap(c.z[1] - t.mean[1], on.period)
+    css, csa = P[0, 0] + R[0, 0] + slack * slack, R[0, 1]
+    caa = P[1, 1] + R[1, 1] + (slack / scale) ** 2
+    det = css * caa - csa * csa
+    return ds, da, (caa * ds * ds - 2.0 * csa * ds * da + css * da * da) / det, det * scale * scale
+
+
+@inner_kernel
+def _correct(t: Any, c: Any, on: LinkSurface, t_ns: int) -> None:
+    """Correct the filter of a track by a contact, unless it is the first that is off its line."""
+    x, P, R = t.mean, t.covariance, c.R
+    ds, da, d2, _ = _miss_of(t, c, on, 0.0)
+    if d2 > GATE and not c.crowded:
+        if not t.doubted:  # a contact at a seam may be wrong by more than it says: wait for the next
+            t.doubted = True
             return
         for k in range(5):  # a manoeuvre: forget the past in the measure that it was wrong
             for m in range(5):
                 P[k, m] *= d2 / GATE
-    w.doubted[i] = False
-    w.updated_ns[i] = t_ns
+    t.doubted = False
+    t.updated_ns = t_ns
     for k in range(2):
-        y, r, v = ys if k == 0 else ya, R[k, k], k + 2
+        y, r, v = ds if k == 0 else da, R[k, k], k + 2
         total = P[k, k] + r
         x[k] += P[k, k] / total * y
         x[v] += P[k, v] / total * y
@@ -587,86 +594,48 @@ def _correct(w: _Work, i: int, j: int, t_ns: int) -> None:
         most = CORRELATION_MOST * math.sqrt(P[k, k] * P[v, v])
         P[k, v] = P[v, k] = min(max(P[k, v] * r / total, -most), most)
     total = P[4, 4] + R[2, 2]
-    x[4] += P[4, 4] / total * (z[2] - x[4])
+    x[4] += P[4, 4] / total * (c.z[2] - x[4])
     P[4, 4] *= R[2, 2] / total
-    x[1] = wrap(x[1], period)
+    x[1] = wrap(x[1], on.period)
 
 
 @inner_kernel
-def _check_contact(w: _Work, j: int) -> None:
+def _check_contact(c: Any, surface: Floats) -> None:
     """Note whether a contact can be used, and bring its covariance between floor and ceiling."""
-    R, s, a, force = w.c_cov[j], w.c_z[j, 0], w.c_z[j, 1], w.c_z[j, 2]
-    w.c_track[j] = -1
-    ok = abs(s) < FAR and abs(a) < FAR and 0.0 <= force < 1e6 * FAR  # false for NaN
-    w.c_usable[j] = ok and 0 <= w.c_link[j] < len(w.surface)
-    if not w.c_usable[j]:
+    R, s, force, known = c.R, c.z[0], c.z[2], math.isfinite(c.R[0, 1])
+    c.track = -1
+    ok = abs(s) < FAR and abs(c.z[1]) < FAR and 0.0 <= force < 1e6 * FAR  # false for NaN
+    c.usable = ok and 0 <= c.link < len(surface)
+    if not c.usable:
         return
-    known = math.isfinite(R[0, 1])
     for k in range(3):
         known = known and 0.0 < R[k, k] < np.inf
     rho = R[0, 1] / math.sqrt(R[0, 0] * R[1, 1]) if known else 0.0
+    unit = 1.0 / _scale_of_a(surface_of(surface, c.link), s)
+    unknown = SIGMA_UNKNOWN, unit * SIGMA_UNKNOWN, FORCE_UNKNOWN * force + 0.05
+    least = SIGMA_FLOOR, unit * SIGMA_FLOOR, FORCE_FLOOR * (force + 1.0)
+    most = SIGMA_CEILING, unit * SIGMA_CEILING, force + 1.0
     for k in range(3):
-        unit = 1.0 / _scale_of_a(w, w.c_link[j], s) if k == 1 else 1.0
-        unknown, least, most = unit * SIGMA_UNKNOWN, unit * SIGMA_FLOOR, unit * SIGMA_CEILING
-        if k == 2:
-            unknown, least, most = FORCE_UNKNOWN * force + 0.05, FORCE_FLOOR * (force + 1.0), force + 1.0
-        R[k, k] = (min(max(math.sqrt(R[k, k]), least), most) if known else unknown) ** 2
+        R[k, k] = (min(max(math.sqrt(R[k, k]), least[k]), most[k]) if known else unknown[k]) ** 2
     rho = min(max(rho, -CORRELATION_MOST), CORRELATION_MOST)
     R[0, 1] = R[1, 0] = rho * math.sqrt(R[0, 0] * R[1, 1])
 
 
 @inner_kernel
-def _scale_of_a(w: _Work, link: int, s: float) -> float:
+def _scale_of_a(on: LinkSurface, s: float) -> float:
     """Return metres on the surface per metre of a."""
-    surface = surface_of(w.surface, link)
-    return float(max(1.0 + surface.taper * (s - 0.5 * surface.length) / surface.radius, SCALE_LEAST))
+    return float(max(1.0 + on.taper * (s - 0.5 * on.length) / on.radius, SCALE_LEAST))
 
 
 @inner_kernel
-def _distance(w: _Work, i: int, x: Floats, z: Floats) -> float:
-    """Return the geodesic distance of two places (s, a, ...) on the link of track i, m."""
-    return float(distance(surface_of(w.surface, w.link[i]), x[0], x[1], z[0], z[1]))
-
-
-@inner_kernel
-def _pair_cost(w: _Work, i: int, j: int, t_ns: int) -> float:
-    """Return what it costs to take contact j for track i, COST_NONE at most."""
-    x, P, z, R = w.x[i], w.P[i], w.c_z[j], w.c_cov[j]
-    scale = _scale_of_a(w, w.link[i], x[0])
-    slack = min(MANOEUVRE * 1e-9 * (t_ns - w.updated_ns[i]), MANOEUVRE_MOST)
-    ds, da, df = z[0] - x[0], wrap(z[1] - x[1], surface_of(w.surface, w.link[i]).period), z[2] - x[4]
-    css, csa = P[0, 0] + R[0, 0] + slack * slack, R[0, 1]
-    caa = P[1, 1] + R[1, 1] + (slack / scale) ** 2
-    det = css * caa - csa * csa
-    d2 = (caa * ds * ds - 2.0 * csa * ds * da + css * da * da) / det
-    is_hidden = w.hider[i] >= 0
-    if d2 <= GATE and w.away[i, j] <= REACH:
-        cost = (
-            d2 + min(df * df / (P[4, 4] + R[2, 2]), FORCE_MOST) + math.log(det * scale * scale * 1e12)
-        )  # mm^2
-        return float(cost + COST_HIDDEN) if is_hidden else float(cost)
-    near = w.away[i, j]
-    if not is_hidden:
-        near = min(near, _distance(w, i, w.raw[i], z))
-    return COST_AGAIN + 100.0 * near if near < AGAIN_REACH else COST_NONE
-
-
-@inner_kernel
-def _update(w: _Work, i: int, t_ns: int, dt: float) -> None:
-    """Take in what a track is seen as; correct its filter if it does not share its contact."""
-    j, x, P = w.row[i], w.x[i], w.P[i]
-    for k in range(3):
-        w.raw[i, k] = w.c_z[j, k]
-    w.patch[i] = w.c_patch[j]
-    w.seen_ns[i] = w.shown_ns[i] = t_ns
-    w.missed[i], w.why[i] = 0, SEEN
-    if dt > 0.0 and not w.shared[i]:
-        _correct(w, i, j, t_ns)
-    scale = _scale_of_a(w, w.link[i], x[0])
-    speed2 = x[2] ** 2 + (scale * x[3]) ** 2
-    noise2 = max(P[2, 2], scale * scale * P[3, 3])
-    if w.moving[i]:
-        w.moving[i] = speed2 > SPEED_HELD**2
-    else:
-        w.moving[i] = speed2 > SPEED_MOVE**2 and speed2 > 9.0 * noise2
-    w.state[i] = MOVE if w.moving[i] else HELD
+def _pair_cost(t: Any, c: Any, on: LinkSurface, away: float, t_ns: int) -> float:
+    """Return what it costs to take a contact that is so far away (m) for a track, COST_NONE at most."""
+    slack = min(MANOEUVRE * 1e-9 * (t_ns - t.updated_ns), MANOEUVRE_MOST)
+    _, _, d2, det = _miss_of(t, c, on, slack)
+    if d2 <= GATE and away <= REACH:
+        df2 = (c.z[2] - t.mean[4]) ** 2 / (t.covariance[4, 4] + c.R[2, 2])
+        cost = d2 + min(df2, FORCE_MOST) + math.log(det * 1e12)  # mm^2
+        return float(cost + COST_HIDDEN) if t.hider >= 0 else float(cost)
+    if t.hider < 0:
+        away = min(away, distance(on, t.s, t.a, c.z[0], c.z[1]))
+    return COST_AGAIN + 100.0 * away if away < AGAIN_REACH else COST_NONE
