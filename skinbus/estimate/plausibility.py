@@ -14,14 +14,10 @@ Jumping:   it leaves and comes back within three cycles while its neighbours do 
            in five seconds
 Band:      below its zero band, or its zero has left it (``Baseline``)
 
-Readings that come again bit by bit, although noise is declared and was seen, are not those of a new sample.
-As soon as that is too unlikely to be chance, of some tactels of a board together, they are missing; where
-they are all of the board, it is withheld (``is_withheld``), every time. One tactel alone, or some that follow
-each other, are missing after a few. Such runs teach no rate of change. A board that again and again repeats
-all readings, then changes by noise, takes samples at a lower rate than the SYNC. Readings are compared with
-what came last, used or not. The first reading of a board after a pause in which nothing came may be as old as
-the pause: it is withheld. So are boards whose readings are equal bit by bit in one cycle, though noise shows
-on them, and a board that reads what another read in the cycle before.
+Readings that come again bit by bit, although the noise of the tactel shows in others, are not those of a new
+sample. As soon as that is too unlikely to be chance, of tactels that follow each other together, they are
+missing; where they are all of the board, it is withheld (``is_withheld``), every time. Such runs teach no
+rate of change.
 
 Two contacts may look like one to the neighbours of a tactel, so one touch that it has not felt proves
 nothing, however often it comes; any reading of a pressure proves that it lives. A tactel comes back when it
@@ -29,7 +25,8 @@ has been plausible for a second, a dead one when it has felt something for ten r
 
 Failure mode: a touch that no other tactel feels, such as one beyond a corner, says nothing of the corner; a
 board whose readings never change has no rate of change, and is never frozen; lone means lone on a board: what
-a tactel at its edge would share with the next board is not asked.
+a tactel at its edge would share with the next board is not asked; a board that takes samples at a lower rate
+than the SYNC is fresh in each cycle.
 """
 
 from __future__ import annotations
@@ -45,10 +42,9 @@ from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.columns import filled
 from skinbus.estimate.kernels import plausible, silence
 from skinbus.estimate.kernels.array_table import array_table
-from skinbus.estimate.kernels.judged_columns import Columns
 from skinbus.estimate.kernels.layout import limit_of, step_of
-from skinbus.estimate.kernels.plausible import JUMP_CYCLES, ONSET_CYCLES, judge
-from skinbus.estimate.kernels.silence import NARROW, NEXT, PLACES, SPAN, WIDTH
+from skinbus.estimate.kernels.plausible import JUMP_CYCLES, judge
+from skinbus.estimate.kernels.silence import NARROW, NEXT, PLACES, SPAN, WIDTH, Columns
 from skinbus.estimate.validation import check_arm, check_time
 from skinbus.model import Arm, Law
 
@@ -92,10 +88,8 @@ class Plausibility:
         """(n_tactels,) :class:`TactelFault` bits, live."""
         self.is_withheld = self._columns.is_withheld
         """(n_patches,) whether the newest readings are of an earlier sample, or all at full scale, live."""
-        self.is_repeated = np.zeros(arm.n_patches, np.bool_)
+        self.is_repeated = self._columns.is_repeated
         """(n_patches,) whether all readings of this cycle have come again and are withheld for it, live."""
-        self.is_copied = self._columns.is_copied
-        """(n_patches,) whether the readings of this cycle are those of another board, and withheld, live."""
         self.n_faulty = self._columns.n_faulty
         """(n_patches,) tactels that have any, live."""
 
@@ -124,13 +118,10 @@ class Plausibility:
         self._last_ns = t_ns
         felt = baseline.felt
         judge(self._table, pressures, felt.zero, felt.touched, felt.out, fresh, dt)
-        np.logical_and(self.is_withheld, fresh, out=self.is_repeated)
-        self.is_repeated &= self._columns.same > 0
 
 
 _BY_PATCH: Final = (
-    *("turn", "pause", "longest", "same", "slow_n", "noise_n", "is_full", "is_crushed"),
-    *("is_withheld", "code", "code_before", "is_copied", "window_n", "mean_n", "n_faulty"),
+    *("window_n", "turn", "quiet_s", "is_full", "is_crushed", "is_repeated", "is_withheld", "n_faulty"),
 )
 """Columns of zeros by patch; the others are by tactel."""
 
@@ -138,6 +129,8 @@ _BY_PATCH: Final = (
 def _columns(arm: Arm) -> Columns:
     """Return the columns of an arm before its first reading."""
     n, p, patch = arm.n_tactels, arm.n_patches, arm.tactel_patch
+    # the mean in the middle of a step
+    most = erf(step_of(arm) / (np.sqrt(8.0) * np.maximum(arm.tactel_noise, 1e-300)))
     lowest, step = np.array(
         [(-1.0 - t.full_counts, t.step) for t in (placed.patch.transducer for placed in arm.patches)]
     )[patch].T
@@ -154,28 +147,11 @@ def _columns(arm: Arm) -> Columns:
         up=np.zeros(PLACES**2),
         down=np.zeros(PLACES**2),
         last=np.full(n, np.nan),
-        newest=np.full(n, np.nan),
-        n_unused=np.full(p, ONSET_CYCLES),
+        quiet=np.log(np.where(step_of(arm) > 0.0, most, 1.0)),
         before=np.full(n, np.nan),
         jump_age=np.full(n, JUMP_CYCLES + 1, np.int64),
-        quiet=_quiet(arm),
-        step=step_of(arm),
-        offset=np.array(arm.tactel_offset),
-        where=np.zeros((n, 2)),
-        best=np.zeros(1, np.int64),
-        quiet_s=np.full(p, np.inf),
         **_tables(arm),
     )
-
-
-def _quiet(arm: Arm) -> Floats:
-    """Return the log of the largest chance of any value of a reading, by the declared noise, (n_tactels,).
-
-    No two readings are equal with a larger one, whatever the pressure: that of the value whose step has the
-    mean in its middle.
-    """
-    step, noise = step_of(arm), np.maximum(arm.tactel_noise, 1e-300)
-    return np.asarray(np.log(np.where(step > 0.0, erf(step / (np.sqrt(8.0) * noise)), 1.0)))
 
 
 def _tables(arm: Arm) -> dict[str, Any]:
@@ -184,7 +160,7 @@ def _tables(arm: Arm) -> dict[str, Any]:
     places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     rows_of: dict[bytes, int] = {}
     wide: list[Singles] = []
-    columns: dict[str, list[Any]] = {name: [] for name in ("near", "away", "beside", "own_row", "tried_row")}
+    columns: dict[str, list[Any]] = {name: [] for name in ("near", "away", "own_row", "tried_row")}
     narrow: list[Singles] = []
     for p, placed in enumerate(arm.patches):
         uv = placed.patch.tactels_uv
@@ -200,7 +176,6 @@ def _tables(arm: Arm) -> dict[str, Any]:
             wide.append(table)
             narrow.append(_part_of_peak(placed.patch.law, pitch * off / NARROW))
         columns["own_row"].append(own)
-        columns["beside"].append(_part_of_peak(placed.patch.law, np.array([pitch / NARROW]))[0])
         columns["tried_row"].append(own + 1 + np.cumsum([0, *map(len, around[:-1])]))
         columns["near"] += [arm.patch_start[p] + row for row in around]
         columns["away"] += steps
@@ -210,7 +185,6 @@ def _tables(arm: Arm) -> dict[str, Any]:
         "neighbour": np.concatenate(columns["near"]).astype(np.int64),
         "away": away,
         "is_next": np.linalg.norm(away, axis=-1) < NEXT,
-        "beside": np.array(columns["beside"], np.float64),
         "wide": np.concatenate(wide),
         "narrow": np.concatenate(narrow),
         "own_row": np.array(columns["own_row"]),

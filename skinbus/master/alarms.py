@@ -176,9 +176,6 @@ REPEATS_NS = 5_000_000_000
 """They come within so long of each other, and it is over after so long without one."""
 
 
-KINDS = (EventKind.READINGS_REPEATED, EventKind.READINGS_COPIED)
-
-
 class PlausibilityReport:
     """Publishes the judgement of the tactels of a bus.
 
@@ -200,8 +197,8 @@ class PlausibilityReport:
         self._reported = np.zeros(arm.n_tactels, np.uint8)
         self._data: dict[int, bytes] = {}
         self._next_ns = [0] * len(self._node_ids)
-        # by kind and patch: how many cycles with such readings, and the time of the newest
-        self._n_repeats, self._repeated_ns = np.zeros((2, len(KINDS), len(self._node_ids)), np.int64)
+        # by patch: how many cycles with repeated readings, and the time of the newest
+        self._n_repeats, self._repeated_ns = np.zeros((2, len(self._node_ids)), np.int64)
 
     def show(self, now_ns: int) -> list[Event]:
         """Write the objects, raise and clear EMCYs; return the events."""
@@ -239,16 +236,15 @@ class PlausibilityReport:
         )
 
     def _note_repetitions(self, now_ns: int) -> list[Event]:
-        """Return the events of patches that have begun to repeat or copy readings, or have ceased to."""
-        is_copied = self._plausibility.is_copied[self._patches]
-        found = np.stack([self._plausibility.is_repeated[self._patches] & ~is_copied, is_copied])
+        """Return the events of patches that have begun to repeat readings, or have ceased to."""
+        found = self._plausibility.is_repeated[self._patches]
         n = self._n_repeats
         if not (found.any() or n.any()):
             return []
         n += found
         self._repeated_ns[found] = now_ns
         is_over = (n > 0) & (now_ns - self._repeated_ns > REPEATS_NS)
-        begun, ended = np.argwhere(found & (n == REPEATS)), np.argwhere(is_over & (n >= REPEATS))
+        kind, begun, ended = EventKind.READINGS_REPEATED, found & (n == REPEATS), is_over & (n >= REPEATS)
         n[is_over] = 0
-        news = [(KINDS[k], p) for k, p in begun.tolist()] + [(KINDS[k].end, p) for k, p in ended.tolist()]
-        return [Event(t_ns=now_ns, kind=kind, node_id=self._node_ids[p]) for kind, p in news]
+        news = [(k, p) for k, those in ((kind, begun), (kind.end, ended)) for p in np.flatnonzero(those)]
+        return [Event(t_ns=now_ns, kind=k, node_id=self._node_ids[p]) for k, p in news]

@@ -56,23 +56,6 @@ def test_frozen_board_is_withheld_from_its_first_repetition_to_its_first_new_sam
     assert not any(withheld(skin, touch, 50))
 
 
-@pytest.mark.parametrize("sends", [False, True], ids=["silent", "heard"])
-def test_first_reading_after_a_pause_is_used_if_it_differs_from_what_came_in_it(sends):
-    """What a board that sends nothing for long sends first may be as old as the pause."""
-    skin = Skin(21)
-    skin.read(cycles=150)
-    for is_frozen in (False, True):
-        skin.mend = Frozen(skin.cycle, skin.cycle + 100) if is_frozen or not sends else lambda *_: None
-        skin.fresh[PATCH] = False
-        skin.read(PRESS, cycles=60)
-        skin.fresh[PATCH] = True
-        if not is_frozen:
-            skin.mend = lambda *_: None
-        assert withheld(skin, PRESS, 1) == [is_frozen or not sends]
-        assert withheld(skin, PRESS, 3) == [is_frozen] * 3
-        skin.read(PRESS, cycles=100)
-
-
 @pytest.mark.parametrize("noise", [0.05, 0.15, 0.3, 0.6])
 def test_noise_of_less_than_a_count_makes_no_false_alarm_although_more_is_declared(noise):
     """The touch moves the readings to other parts of a step, where they change less often."""
@@ -88,77 +71,12 @@ def test_noise_of_less_than_a_count_makes_no_false_alarm_although_more_is_declar
     assert sum(withheld(skin, NO_TOUCH, 4000)) == 0
 
 
-@pytest.mark.parametrize("every", [6, 10, 25])
-def test_converter_that_never_was_as_fast_as_the_sync_is_fresh_in_the_cycles_of_its_samples_alone(every):
-    def slow(raw, now, rng):
-        if now % every:
-            raw[BOARD] = kept[0]
-        kept[0] = raw[BOARD].copy()
-
-    kept = [np.zeros(BOARD.stop - BOARD.start)]
-    skin = Skin(27, slow)
-    skin.read(cycles=10 * every)
-    assert withheld(skin, PRESS, 40 * every) == ([False] + [True] * (every - 1)) * 40
-
-
-@pytest.mark.parametrize("turns", [2, 4])
-def test_tactels_that_are_sampled_in_turn_are_missing_in_the_cycles_between(turns):
-    """As of a firmware that scans a part of its tactels for each SYNC, from the start on."""
-
-    def in_turn(raw, now, rng):
-        old = np.arange(16) % turns != now % turns
-        raw[BOARD][old] = kept[0][old]
-        kept[0] = raw[BOARD].copy()
-
-    kept = [np.zeros(BOARD.stop - BOARD.start)]
-    skin = Skin(33, in_turn)
-    skin.read(cycles=400)
-    for _ in range(200):
-        is_new = np.arange(16) % turns == skin.cycle % turns
-        used = np.isfinite(skin.read(PRESS)[BOARD])
-        assert not used[~is_new].any()
-    assert skin.faulty == []
-
-
 def test_board_without_noise_that_is_tapped_at_a_steady_rate_is_not_withheld():
     def without_noise(raw, now, rng):
         raw[BOARD] = np.rint((skin.zeros + PRESS * (now // 10 % 2))[BOARD] / STEP) * STEP
 
     skin = Skin(28, without_noise)
     assert not any(withheld(skin, NO_TOUCH, 1000))
-
-
-@pytest.mark.parametrize("late", [0, 1])
-@pytest.mark.parametrize("touch", [NO_TOUCH, PRESS], ids=["free", "pressed"])
-def test_board_that_sends_what_another_reads_is_withheld_and_the_other_only_if_both_are_of_one_cycle(
-    late, touch
-):
-    def copy(raw, now, rng):
-        sent.append(raw[BOARD].copy())
-        if now >= 100:
-            raw[ARM.tactels_of(copier)] = sent[now - late]
-
-    sent, copier = [], 9
-    skin = Skin(29, copy)
-    skin.read(cycles=100)
-    for cycle in range(200):
-        skin.read(touch)
-        found = np.flatnonzero(skin.plausibility.is_withheld).tolist()
-        assert found == ([PATCH, copier] if late == 0 else [copier]), cycle
-    assert skin.faulty == []
-    skin.mend = lambda *_: None
-    skin.read(touch)
-    assert not skin.plausibility.is_withheld.any()
-
-
-def test_boards_without_noise_that_are_touched_alike_are_not_copies():
-    def alike(raw, now, rng):
-        raw[:] = np.tile(np.rint(PRESS[BOARD] * np.sin(0.1 * now) ** 2 / STEP) * STEP, ARM.n_patches)
-
-    skin = Skin(30, alike)
-    for _ in range(500):
-        skin.read()
-        assert not skin.plausibility.is_withheld.any()
 
 
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.9])

@@ -1,26 +1,27 @@
 """A tactel among its neighbours by the law of its board: what it reads alone, and what it should have felt.
 
 Contacts at places around a tactel are tried: what the law gives tactel and neighbours there is in tables made
-once for each kind of board. Readings of a touch that stays where it is are averaged over a window of some
-cycles: most touches beside a corner of a board press its neighbours by little more than their noise.
+once for each kind of board. Readings of a touch that stays where it is are averaged over some cycles: most
+touches beside a corner of a board press its neighbours by little more than their noise.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate.kernels.judged_columns import Columns
 from skinbus.jit import inner_kernel
 
 Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
+Singles = npt.NDArray[np.float32]
 
 DEAD: Final = 8
 """The bit of ``plausibility.TactelFault``."""
-
 CLEAR: Final = 8.0
 """Standard deviations of noise: a prediction below proves nothing by its absence."""
 PLACES, SPAN = 21, 1.75
@@ -44,9 +45,6 @@ LONE_SURE: Final = 3.0
 is 7 more, and once in a thousand cycles a tactel that only looks so is missing."""
 BEYOND: Final = 4.0
 """Highest peak of a contact beside a tactel that is considered, in full scales: 170 N on the usual board."""
-JUMP_SHARE: Final = 0.5
-"""Of full scale: by less a tactel may come to full scale with its neighbours unchanged, under a force that
-grows."""
 UNMOVED, MOVED = 4.0, 2.5
 """Change of a reading beside a jump, and of all beside it together, in standard deviations of noise, that
 is none. A tip of 2 mm with 1 N in the middle of a tactel changes the four beside it by 2 each."""
@@ -57,7 +55,7 @@ LIKELY, MISFIT, TOLERANCE = 6.0, 1.0, 0.1
 """chi^2 within which another place explains the neighbours too; chi^2 of each neighbour beyond which none
 does; the law's error, part of the peak."""
 WINDOW, LEAST_WINDOW = 8, 4
-"""Cycles that are averaged, at most and at least: a tap of 0.1 s at 50 Hz has one window."""
+"""Cycles that are averaged, at most, and at least: a tap of 0.1 s at 50 Hz has so many."""
 STEADY, STEADY_SIGMAS = 0.25, 6.0
 """A touch stays where it is while no reading changes by more than this part of the highest, and noise."""
 LEAST_NOISE = 0.35
@@ -78,10 +76,63 @@ FEELS: Final = 5.0
 """Standard deviations of a mean from which a tactel feels something: it lives."""
 
 
+class Columns(NamedTuple):
+    """What the judgement keeps from cycle to cycle: columns per tactel (n,) and per patch (p,)."""
+
+    start: Ints  # (p + 1,)
+    healthy: Bools
+    high: Floats  # Pa, full scale
+    low: Floats  # Pa, the lower end
+    sigma: Floats  # Pa, with the rounding of the counts
+    touch: Floats  # Pa
+    neighbour_start: Ints  # (n + 1,) of the same board
+    neighbour: Ints
+    away: Floats  # (m, 2) pitches, from the tactel to each neighbour
+    is_next: Bools  # (m,) whether it is one step away: on a square, the diagonals too
+    wide: Singles  # (rows, PLACES^2) part of the peak of a contact at a place that a tactel feels
+    narrow: Singles  # the same of the narrowest contact
+    tried_row: Ints  # (n,) row of the first neighbour of each tactel
+    own_row: Ints  # (p,) row of the tactel itself
+    up: Floats  # scratch, by place
+    down: Floats
+    fault: npt.NDArray[np.uint8]  # (n,)
+    last: Floats  # Pa, as it came last
+    change: Floats  # Pa, since then; infinite at first
+    still: Ints  # readings in a row without change
+    is_old: Bools  # so unlikely to be new, with what neighbours say, that it is missing
+    was_old: Bools  # some reading of this run is known not to be new
+    quiet: Floats  # log of the largest chance of a reading to come again, by the declared noise
+    cycles: Floats  # while free, of the rate of change
+    changes: Floats
+    rail_n: Ints  # readings in a row at a rail, or alone
+    lone_n: Ints  # readings in a row alone at full scale
+    before: Floats  # the reading before a jump
+    jump_age: Ints  # cycles since it
+    jumps: Floats
+    good_s: Floats  # since it was implausible last
+    mean: Floats  # Pa, of a touch that stays where it is
+    evident: Bools  # should have felt something in this touch
+    touches: Ints  # in a row that it should have felt and has not
+    due: Floats  # sum of the square of what it should have read at least, in noise
+    shown: Floats  # the same of that times what it read
+    first_cell: Ints  # place of the first touch that it should have felt
+    felt_n: Ints
+    window_n: Ints  # (p,) cycles in ``mean``
+    turn: Ints  # (p,) the next tactel to look at
+    quiet_s: Floats  # (p,) since the board was touched
+    is_full: Bools  # (p,) all readings of the board are at full scale, and came there at once
+    is_crushed: Bools  # (p,) half of its readings were in the upper half of their range before
+    is_repeated: Bools  # (p,) its readings are too unlikely to be new
+    is_withheld: Bools  # (p,) one of these
+    n_faulty: Ints  # (p,)
+
+
 @inner_kernel
 def is_alone(w: Columns, p: int, i: int, pressures: Floats, zero: Floats) -> bool:
     """Return whether a tactel reads what no contact around explains: its neighbours would read more."""
     felt = min(pressures[i], w.high[i]) - zero[i]
+    if pressures[i] >= w.high[i] and _is_lone_beyond_corner(w, i, pressures, zero, felt):
+        return True
     if felt < max(w.touch[i], JUMP_SIGMAS * w.sigma[i]):
         return False
     n_cells = w.narrow.shape[1]
@@ -110,38 +161,21 @@ def _is_more_than_beside(w: Columns, i: int, pressures: Floats, zero: Floats, pe
 
 
 @inner_kernel
-def is_lone_at_full_scale(w: Columns, p: int, i: int, pressures: Floats, zero: Floats) -> bool:
-    """Return whether a tactel is at full scale and none next to it reads what a press on it would give them.
+def _is_lone_beyond_corner(w: Columns, i: int, pressures: Floats, zero: Floats, felt: float) -> bool:
+    """Return whether none next to a tactel at full scale reads a part of what a press on it would give them.
 
-    Beyond a corner of the board a press may be that gives its neighbours little: there this names what
-    :func:`is_alone` leaves open.
+    Beyond a corner of the board a press may be that gives its neighbours little.
     """
-    # where a tenth of that is lost in the noise, its absence proves nothing
-    least, n = LONE_CORNER * w.beside[p] * (w.high[i] - zero[i]), 0
-    if pressures[i] < w.high[i] or least <= CORNER_SIGMAS * w.sigma[i]:
-        return False
-    for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
+    n, e0 = 0, w.neighbour_start[i]
+    for e in range(e0, w.neighbour_start[i + 1]):
         j = w.neighbour[e]
         if w.fault[j] == 0 and math.isfinite(pressures[j]) and w.is_next[e]:
-            if pressures[j] - zero[j] >= least:
+            least = LONE_CORNER * felt * w.narrow[w.tried_row[i] + e - e0, w.narrow.shape[1] // 2]
+            # where so little is lost in the noise, its absence proves nothing
+            if least <= CORNER_SIGMAS * w.sigma[i] or pressures[j] - zero[j] >= least:
                 return False
             n += 1
     return n >= 2
-
-
-@inner_kernel
-def came_alone(w: Columns, p: int, i: int, pressures: Floats) -> bool:
-    """Return whether a tactel came to full scale in one reading while its neighbours stayed as they were.
-
-    A finger that presses or moves there changes them, up or down.
-    """
-    if not pressures[i] - w.last[i] >= JUMP_SHARE * w.high[i]:
-        return False
-    w.change[i] = pressures[i] - w.last[i]
-    for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
-        j = w.neighbour[e]
-        w.change[j] = abs(pressures[j] - w.last[j])
-    return is_alone(w, p, i, w.change, w.nothing)
 
 
 @inner_kernel
@@ -168,78 +202,59 @@ def jumps_alone(w: Columns, i: int) -> bool:
 def watch_touch(w: Columns, p: int, pressures: Floats, zero: Floats, is_touched: bool) -> None:
     """Average the readings of a board while a touch stays where it is; look at one of its silent tactels."""
     i0, i1 = w.start[p], w.start[p + 1]
-    n = w.window_n[p]
-    if n > 0:
-        top = 0.0
+    if is_touched:
+        top, is_steady = 0.0, True
         for i in range(i0, i1):
             top = max(top, pressures[i] - zero[i])
-        is_steady = is_touched
         for i in range(i0, i1):
-            change = abs(pressures[i] - w.window_first[i])
+            change = abs(pressures[i] - zero[i] - w.mean[i])
             is_steady &= not change > STEADY * top + STEADY_SIGMAS * w.sigma[i]
-        if n == WINDOW or not is_steady:
-            if n >= LEAST_WINDOW:
-                for i in range(i0, i1):
-                    w.mean[i] = w.window_sum[i] / n
-                w.mean_n[p] = n
-                w.turn[p] = i0
-            n = 0
-    if is_touched:
-        for i in range(i0, i1):
-            felt = pressures[i] - zero[i] if pressures[i] < w.high[i] else math.nan
-            if n == 0:
-                w.window_first[i] = pressures[i]
-                w.window_sum[i] = 0.0
-            w.window_sum[i] += felt
-        n += 1
-    w.window_n[p] = n
-    if w.mean_n[p] > 0:
-        _look_for_silence(w, p)
-
-
-@inner_kernel
-def _look_for_silence(w: Columns, p: int) -> None:
-    """Look at the next tactel that reads nothing in a window: should it?"""
-    n = w.mean_n[p]
+        if not is_steady or w.turn[p] >= i1:
+            w.window_n[p], w.turn[p] = 0, i0
+        if w.window_n[p] < WINDOW:
+            w.window_n[p] += 1
+            for i in range(i0, i1):
+                felt = pressures[i] - zero[i] if pressures[i] < w.high[i] else math.nan
+                w.mean[i] = felt if w.window_n[p] == 1 else w.mean[i] + (felt - w.mean[i]) / w.window_n[p]
+    n = w.window_n[p]
+    if n < (WINDOW if is_touched else LEAST_WINDOW):
+        return
     shrink = max(1.0 / math.sqrt(n), LEAST_NOISE)
-    while w.turn[p] < w.start[p + 1]:
+    while w.turn[p] < i1:
         i = w.turn[p]
         w.turn[p] += 1
-        sigma, felt = shrink * w.sigma[i], w.mean[i]
-        if not (w.healthy[i] and math.isfinite(felt)):
-            continue
-        if felt >= FEELS * sigma:
+        if w.healthy[i] and w.mean[i] >= FEELS * shrink * w.sigma[i]:
             note_life(w, i, n)
-            continue
-        beside = 0
-        for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
-            j = w.neighbour[e]
-            if w.mean[j] >= CLEAR * shrink * w.sigma[j] and w.is_next[e]:
-                beside += 1
-        if beside >= 2:
-            least = 0.0
-            for dead in (NONE, ALONG_U, ALONG_V):
-                if least == 0.0:
-                    least = _least_felt(w, p, i, sigma, dead)
-            if least > CLEAR * sigma and _is_elsewhere(w, i):
-                least /= w.sigma[i]
-                w.due[i] += n * least * least
-                w.shown[i] += n * least * felt / w.sigma[i]
-                w.evident[i] = True
-                w.felt_n[i] = 0
-            return
-    w.mean_n[p] = 0
+        elif w.healthy[i] and math.isfinite(w.mean[i]) and _is_silent(w, p, i, n, shrink):
+            return  # one that is looked at in a cycle
 
 
 @inner_kernel
-def _is_elsewhere(w: Columns, i: int) -> bool:
-    """Return whether the contact found is not where the first touch was that a tactel has not felt."""
-    x, y = w.best[0] % PLACES * STEP, w.best[0] // PLACES * STEP
+def _is_silent(w: Columns, p: int, i: int, n: int, shrink: float) -> bool:
+    """Look whether a tactel that reads nothing should; return False if too little is felt beside it."""
+    beside = 0
+    for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
+        j = w.neighbour[e]
+        beside += w.is_next[e] and w.mean[j] >= CLEAR * shrink * w.sigma[j]
+    if beside < 2:
+        return False
+    least, cell = 0.0, 0
+    for dead in (NONE, ALONG_U, ALONG_V):
+        if least == 0.0:
+            least, cell = _least_felt(w, p, i, shrink * w.sigma[i], dead)
     if w.touches[i] == 0 and not w.evident[i]:
-        w.where[i, 0], w.where[i, 1] = x, y
-    is_first = w.touches[i] == 0
-    away2 = (x - w.where[i, 0]) ** 2 + (y - w.where[i, 1]) ** 2
-    return bool(is_first or away2 >= ELSEWHERE * ELSEWHERE)
+        w.first_cell[i] = cell
+    u = cell % PLACES - w.first_cell[i] % PLACES
+    v = cell // PLACES - w.first_cell[i] // PLACES
+    # the first touch that it has not felt may be two contacts that look like one, and come again and again
+    is_elsewhere = STEP * math.sqrt(u * u + v * v) >= ELSEWHERE or w.touches[i] == 0
+    if least > CLEAR * shrink * w.sigma[i] and is_elsewhere:
+        least /= w.sigma[i]
+        w.due[i] += n * least * least
+        w.shown[i] += n * least * w.mean[i] / w.sigma[i]
+        w.evident[i] = True
+        w.felt_n[i] = 0
+    return True
 
 
 @inner_kernel
@@ -256,7 +271,7 @@ def note_life(w: Columns, i: int, n: int) -> None:
 @inner_kernel
 def end_touch(w: Columns, p: int) -> None:
     """Name the tactels of a board that read too little of what they should have in some touches."""
-    w.mean_n[p] = 0
+    w.window_n[p], w.turn[p] = 0, w.start[p]
     for i in range(w.start[p], w.start[p + 1]):
         if not w.evident[i]:
             continue
@@ -268,28 +283,24 @@ def end_touch(w: Columns, p: int) -> None:
 
 
 @inner_kernel
-def _least_felt(w: Columns, p: int, i: int, sigma: float, dead: int) -> float:
-    """Return the least mean (Pa) of a tactel under one contact that explains its neighbours, else 0.
+def _least_felt(w: Columns, p: int, i: int, sigma: float, dead: int) -> tuple[float, int]:
+    """Return the least mean (Pa) of a tactel under one contact that explains its neighbours, and its place.
 
     sigma: of the noise of their means, Pa.
     dead:  which of its neighbours count as missing where they read nothing: those of its row, or column
 
     Of the places of a contact those with a chi^2 of at most LIKELY more than the best explain the neighbours,
-    if that of the best is at most MISFIT each.
+    if that of the best is at most MISFIT each. 0 if none does, or the board reads more elsewhere.
     """
     up, down, e0, n_cells = w.up, w.down, w.neighbour_start[i], w.wide.shape[1]
     for cell in range(n_cells):
         up[cell] = down[cell] = 0.0
-    n, top, square, lacks = 0, 0.0, 0.0, False
+    n, top, square = 0, 0.0, 0.0
     for e in range(e0, w.neighbour_start[i + 1]):
         j, row = w.neighbour[e], w.tried_row[i] + e - e0
         reading = w.mean[j]
         is_in_line = dead != NONE and abs(w.away[e, 2 - dead]) < IN_LINE
-        lacks |= w.fault[j] != 0 or is_in_line
-        is_missing = is_in_line and reading < CLEAR * sigma
-        if dead != NONE and w.fault[j] != 0 and not is_missing:
-            return 0.0
-        if is_missing or w.fault[j] != 0 or not math.isfinite(reading):
+        if w.fault[j] != 0 or not math.isfinite(reading) or (is_in_line and reading < CLEAR * sigma):
             continue
         n += 1
         top = max(top, reading)
@@ -299,22 +310,18 @@ def _least_felt(w: Columns, p: int, i: int, sigma: float, dead: int) -> float:
             up[cell] += t * reading
             down[cell] += t * t
     for j in range(w.start[p], w.start[p + 1]):
-        # past a dead one a touch may be where the board reads more
-        if n < 4 or (lacks and w.fault[j] == 0 and w.mean[j] > top):
-            return 0.0
-    best, own = math.inf, w.own_row[p]
+        if n < 4 or (w.fault[j] == 0 and w.mean[j] > top):
+            return 0.0, 0
+    best, place, own = math.inf, 0, w.own_row[p]
     for cell in range(n_cells):
         amplitude = up[cell] / down[cell] if down[cell] > 0.0 else 0.0
-        chi2 = square - amplitude * up[cell] if amplitude <= BEYOND * w.high[i] else math.inf
-        up[cell], down[cell] = chi2, amplitude * w.wide[own, cell]
-        if chi2 < best:
-            best = chi2
-            w.best[0] = cell
+        up[cell] = square - amplitude * up[cell] if amplitude <= BEYOND * w.high[i] else math.inf
+        down[cell] = amplitude * w.wide[own, cell]
+        if up[cell] < best:
+            best, place = up[cell], cell
     scale = 1.0 / (sigma**2 + (TOLERANCE * top) ** 2)
-    if best * scale > MISFIT * n:
-        return 0.0
-    least = math.inf
+    least = math.inf if best * scale <= MISFIT * n else 0.0
     for cell in range(n_cells):
         if up[cell] * scale <= best * scale + LIKELY:
             least = min(least, down[cell])
-    return least
+    return least, place

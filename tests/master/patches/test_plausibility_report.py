@@ -112,25 +112,3 @@ def test_patch_that_answers_some_syncs_with_old_readings_is_not_fresh_then_and_r
     repeated = [event.kind for event in events if "repeated" in event.kind]
     assert repeated == [EventKind.READINGS_REPEATED_END]
     assert all(report.fresh[0] for report in reports[2:])
-
-
-@pytest.mark.slow
-def test_patches_that_send_the_same_readings_are_not_fresh_and_both_reported_within_a_second(noise):
-    rig = Rig("forearm")
-    others = {node: Noise(node) for node in range(1, 25)}
-    rig.patches.changes.update(others)
-    rig.run(1500)
-    sent = {}
-
-    def original(tpdo, counts):
-        sent[tpdo] = others[3](tpdo, 0 * counts)
-        return sent[tpdo]
-
-    rig.patches.changes[3] = original
-    rig.patches.changes[4] = lambda tpdo, counts: sent[tpdo]
-    reports, events, _ = rig.run(1000)
-    copied = [event.node_id for event in events if event.kind == EventKind.READINGS_COPIED]
-    assert sorted(copied) == [3, 4]
-    assert not kinds(events)
-    for report in reports[2:]:
-        assert np.flatnonzero(~report.fresh).tolist() == [2, 3]
