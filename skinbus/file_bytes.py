@@ -52,3 +52,9 @@ def write_whole(path: Path, content: bytes, mode: int, before: Path | None = Non
     except OSError:
         unfinished.unlink(missing_ok=True)
         raise
+
+
+def cache_home() -> Path:
+    """Return the folder of this user for what can be made again."""
+    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    return (given if given.is_absolute() else Path.home() / ".cache") / "skinbus"

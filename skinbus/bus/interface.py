@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, Self
 
 from skinbus.can.event import Event
-from skinbus.can.frame import Frame, FrameBatch
+from skinbus.can.frame import ERROR, FD, MAX_DATA, Frame, FrameBatch
 
 SEND_PATIENCE_S: Final = 0.1
 """How long a full send queue is waited for before frames are given up; 800 frames at 1 Mbit/s."""
+CLASSIC_DATA: Final = 8
+"""Bytes of a classic frame."""
 RETRY_S: Final = 0.0005
 """Between two attempts to send: four frame times at 1 Mbit/s."""
 BAD_FRAME: Final = {errno.EINVAL, errno.EMSGSIZE}
@@ -25,6 +27,9 @@ class Bus:
 
     gives_up_in_order: bool = False
     """Whether ``send`` discards all that follows the first frame it cannot send."""
+
+    fd: bool = False
+    """Whether CAN FD frames may be sent and are received."""
 
     batch: FrameBatch
     """Frames of the data plane that the last ``receive`` found."""
@@ -63,3 +68,22 @@ class Bus:
 
     def close(self) -> None:
         """Release the interface; BusError if that fails."""
+
+    def fits(self, frame: Frame) -> bool:
+        """Return whether this interface can carry a frame."""
+        if frame.flags & FD:
+            return self.fd and len(frame.data) <= MAX_DATA
+        return len(frame.data) <= CLASSIC_DATA and not frame.flags & ERROR
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+
+def advice(code: int | None) -> str:
+    """Return what to do about an interface that the system does not let us open, "" where it is not known."""
+    if code == errno.EAFNOSUPPORT:
+        return "; the kernel of this machine has no CAN (try --interface udp_multicast)"
+    return "; this user may not open it" if code in (errno.EPERM, errno.EACCES) else ""

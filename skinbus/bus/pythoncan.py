@@ -8,7 +8,6 @@ datagram does not end reception, a full send buffer is waited for with a limit, 
 from __future__ import annotations
 
 import contextlib
-import difflib
 import errno
 import logging
 import os
@@ -16,17 +15,17 @@ import secrets
 import socket
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import can
 
-from skinbus.bus.interface import BAD_FRAME, RETRY_S, SEND_PATIENCE_S, Bus
+from skinbus.bus.interface import BAD_FRAME, RETRY_S, SEND_PATIENCE_S, Bus, advice
 from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.bus.socketcan_batch import raise_receive_buffer
 from skinbus.bus.udp_multicast import MulticastBus
 from skinbus.can.clock import Clock
 from skinbus.can.core import receives
-from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, MAX_DATA, RTR, Frame, FrameBatch
+from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame, FrameBatch
 from skinbus.errors import BusError
 
 DEFAULT_INTERFACE: Final = "socketcan"
@@ -89,7 +88,11 @@ class PythonCanBus(Bus):
         self._tag = secrets.token_hex(4) if interface == "udp_multicast" else None
         self._last_ns = self.clock.now_ns()
         self._buffer_stuck = False
-        self._bus = _open(interface, self.channel, _settings(interface, bitrate, fd, options or {}))
+        sets_bitrate = bitrate is not None and interface != "udp_multicast"
+        settings: dict[str, Any] = {"bitrate": bitrate} if sets_bitrate else {}
+        if fd and interface != "virtual":
+            settings["fd"] = True
+        self._bus = _open(interface, self.channel, settings | dict(options or {}))
         _raise_receive_buffer(self._bus)
 
     def listen(self, cob_ids: frozenset[int] | None, data_ids: frozenset[int] = frozenset()) -> None:
@@ -134,14 +137,10 @@ class PythonCanBus(Bus):
         """
         n_before = self.n_sent
         for frame in frames:
-            if frame.flags & FD:
-                fits = self.fd and len(frame.data) <= MAX_DATA
-            else:
-                fits = len(frame.data) <= 8
-            if not fits or frame.flags & ERROR:
-                self.n_refused += 1
-            else:
+            if self.fits(frame):
                 self._send_one(_to_message(frame, self._tag))
+            else:
+                self.n_refused += 1
         return self.n_sent - n_before
 
     def descriptors(self, *, for_data: bool = True) -> list[int]:
@@ -158,12 +157,6 @@ class PythonCanBus(Bus):
             self._bus.shutdown()
         except Exception as error:  # each library has errors of its own
             raise BusError(f"{self}: closing failed: {error}") from error
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
 
     def _receive_one(self, timeout_s: float) -> can.Message | None:
         for _ in range(MAX_BATCH):  # a storm of garbage ends the call, too
@@ -219,24 +212,11 @@ def known_interfaces() -> list[str]:
     return sorted(can.VALID_INTERFACES)
 
 
-def _settings(interface: str, bitrate: int | None, fd: bool, options: Mapping[str, Any]) -> dict[str, Any]:
-    settings: dict[str, Any] = {}
-    if bitrate is not None:
-        settings["bitrate"] = bitrate
-    if interface == "udp_multicast":
-        settings = {"fd": fd}
-    elif fd and interface != "virtual":
-        settings["fd"] = True
-    return settings | dict(options)
-
-
 def _open(interface: str, channel: str | None, settings: Mapping[str, Any]) -> can.BusABC:
     """The opened interface, or a BusError with advice."""
     where = f"{interface} {channel}" if channel else interface
     if interface not in can.VALID_INTERFACES:
-        near = difflib.get_close_matches(interface, can.VALID_INTERFACES, n=1)
-        hint = f"did you mean {near[0]}? " if near else ""
-        raise BusError(f"unknown interface {interface!r}; {hint}known: {', '.join(known_interfaces())}")
+        raise BusError(f"unknown interface {interface!r}; known: {', '.join(known_interfaces())}")
     try:
         if interface == "udp_multicast":
             return MulticastBus(channel or DEFAULT_CHANNELS[interface], **settings)
@@ -246,18 +226,7 @@ def _open(interface: str, channel: str | None, settings: Mapping[str, Any]) -> c
             raise BusError(f"{where} needs the package msgpack: pip install msgpack") from error
         raise BusError(f"{where} cannot be used on this machine: {error}") from error
     except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
-        raise BusError(f"{where} cannot be opened: {error}{_advice(interface, error)}") from error
-
-
-def _advice(interface: str, error: BaseException) -> str:
-    code = _errno(error)
-    if interface == "udp_multicast" and code in (errno.ENODEV, errno.ENETUNREACH):
-        return "; is the network interface there and up? see: ip link"
-    if code == errno.EAFNOSUPPORT:
-        return "; the kernel of this machine has no CAN (try --interface udp_multicast)"
-    if code in (errno.EPERM, errno.EACCES):
-        return "; this user may not open it"
-    return ""
+        raise BusError(f"{where} cannot be opened: {error}{advice(_errno(error))}") from error
 
 
 def _errno(error: BaseException) -> int | None:

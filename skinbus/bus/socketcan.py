@@ -14,25 +14,24 @@ import socket
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, Self
+from typing import Final
 
-from skinbus.bus.interface import BAD_FRAME, RETRY_S, SEND_PATIENCE_S, Bus
+from skinbus.bus.interface import BAD_FRAME, RETRY_S, SEND_PATIENCE_S, Bus, advice
 from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.bus.socketcan_babble import BabbleWatch, BacklogDrops, Statistic
 from skinbus.bus.socketcan_batch import (
     CAN_RAW_ERR_FILTER,
     CANFD_MTU,
-    CHUNK,
     BatchReader,
-    BatchWriter,
     filters,
+    pack,
     raise_receive_buffer,
     to_frames,
 )
 from skinbus.can.clock import Clock
 from skinbus.can.error_frames import ERR_OF_INTEREST, FaultWatch
 from skinbus.can.event import Event
-from skinbus.can.frame import ERROR, FD, MAX_DATA, Frame, FrameBatch
+from skinbus.can.frame import ERROR, Frame, FrameBatch
 from skinbus.errors import BusError
 
 RECEIVE_BUFFER: Final = 8 << 20
@@ -77,7 +76,6 @@ class SocketCanBus(Bus):
         self._data_ids: frozenset[int] = frozenset()
         self._control = self._open(None)
         self._reader = BatchReader(self._control, self.clock, MAX_CONTROL)
-        self._writer = BatchWriter(self._control)
         self._data: socket.socket | None = None
         self._data_reader: BatchReader | None = None
         self.batch = FrameBatch(1)
@@ -93,11 +91,6 @@ class SocketCanBus(Bus):
         """Received frames that the kernel had no room for, in our sockets or on the way there."""
         self._backlog.look()
         return self._n_dropped()
-
-    @property
-    def receive_buffer(self) -> int:
-        """Bytes the kernel holds for us, its own book-keeping included."""
-        return self._control.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
 
     def descriptors(self, *, for_data: bool = True) -> list[int]:
         """Descriptors that become readable with frames, those of the data plane only if wanted."""
@@ -167,35 +160,35 @@ class SocketCanBus(Bus):
 
         Raises BusError if the interface is down or gone.
         """
-        fit = [frame for frame in frames if self._fits(frame)]
+        fit = [frame for frame in frames if self.fits(frame)]
         self.n_refused += len(frames) - len(fit)
-        done = n_before = self.n_sent
-        first = 0
+        n_before, given_up = self.n_sent, 0
         give_up_s = 0.0
-        while first < len(fit):
-            try:
-                n = self._writer.write(fit[first : first + CHUNK])
-            except OSError as error:
-                if error.errno in BAD_FRAME:
-                    self.n_refused += 1
-                    first += 1
-                    continue
-                if error.errno not in _FULL:
-                    raise BusError(f"{self}: sending failed: {error}") from error
-                now_s = time.monotonic()
-                give_up_s = give_up_s or now_s + (0.0 if self._stuck else SEND_PATIENCE_S)
-                if now_s >= give_up_s:
-                    self.n_lost += len(fit) - first
-                    self._stuck = True
-                    self._faults.send_queue_full(len(fit) - first)
+        for k, frame in enumerate(fit):
+            while True:
+                try:
+                    self._control.send(pack(frame))
+                    self.n_sent += 1
+                    give_up_s = 0.0
                     break
-                time.sleep(RETRY_S)
-            else:
-                first += n
-                give_up_s = 0.0
-                self.n_sent += n
-        if self.n_sent > done:
-            self._stuck = first < len(fit)
+                except OSError as error:
+                    if error.errno in BAD_FRAME:
+                        self.n_refused += 1
+                        break
+                    if error.errno not in _FULL:
+                        raise BusError(f"{self}: sending failed: {error}") from error
+                    now_s = time.monotonic()
+                    give_up_s = give_up_s or now_s + (0.0 if self._stuck else SEND_PATIENCE_S)
+                    if now_s >= give_up_s:
+                        given_up = len(fit) - k
+                        break
+                    time.sleep(RETRY_S)
+            if given_up:
+                break
+        self.n_lost += given_up
+        self._stuck = given_up > 0 or (self._stuck and self.n_sent == n_before)
+        if given_up:
+            self._faults.send_queue_full(given_up)
         if not self._stuck:
             self._faults.send_queue_free()
         return self.n_sent - n_before
@@ -210,20 +203,9 @@ class SocketCanBus(Bus):
         except OSError as error:
             raise BusError(f"{self}: closing failed: {error}") from error
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
-
     def _n_dropped(self) -> int:
         in_sockets = self._reader.n_dropped + (self._data_reader.n_dropped if self._data_reader else 0)
         return in_sockets + self._backlog.n
-
-    def _fits(self, frame: Frame) -> bool:
-        if frame.flags & FD:
-            return self.fd and len(frame.data) <= MAX_DATA
-        return len(frame.data) <= 8 and not frame.flags & ERROR
 
     def _open(self, cob_ids: frozenset[int] | None) -> socket.socket:
         """A raw socket that receives these identifiers; one that receives all receives error frames too."""
@@ -275,8 +257,4 @@ def _advice(channel: str, code: int | None) -> str:
     if code == errno.ENETDOWN:
         bitrate = "" if "virtual" in folder.resolve().parts else " type can bitrate 1000000"
         return f"; bring it up: ip link set {channel} up{bitrate}"
-    if code == errno.EAFNOSUPPORT:
-        return "; the kernel of this machine has no CAN (try --interface udp_multicast)"
-    if code in (errno.EPERM, errno.EACCES):
-        return "; this user may not open it"
-    return ""
+    return advice(code)

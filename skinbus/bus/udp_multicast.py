@@ -38,8 +38,7 @@ _FLAGS: Final = (
 )
 _SO_TIMESTAMPNS: Final = 35  # asm-generic/socket.h
 _STAMP: Final = struct.Struct("@ll")
-_MULTICAST_ALL: Final = (socket.IPPROTO_IP, 49)  # linux/in.h; not in Python's socket module
-_MULTICAST_ALL_6: Final = (socket.IPPROTO_IPV6, 29)  # linux/in6.h
+_MULTICAST_ALL: Final = 49  # linux/in.h; not in Python's socket module
 _LOOPBACK: Final = "lo" if sys.platform == "linux" else "lo0"
 
 
@@ -88,7 +87,7 @@ def pack_datagram(message: can.Message) -> bytes:
 
 
 class MulticastBus(can.BusABC):
-    """One multicast group on one network interface; ``channel`` is GROUP or GROUP@INTERFACE."""
+    """One multicast group of IPv4 on one network interface; ``channel`` is GROUP or GROUP@INTERFACE."""
 
     def __init__(self, channel: str, *, port: int = PORT, fd: bool = False) -> None:
         """Join the group.
@@ -108,32 +107,26 @@ class MulticastBus(can.BusABC):
         except OSError:
             raise OSError(errno.ENODEV, f"no network interface {name}") from None
         hops = 1 if name else 0  # none: a datagram stays on this machine
-        info = socket.getaddrinfo(group, port, type=socket.SOCK_DGRAM, flags=socket.AI_NUMERICHOST)[0]
-        family, self._address = info[0], info[4]
-        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            member = socket.inet_pton(socket.AF_INET, group)
+        except OSError:
+            raise OSError(errno.EINVAL, f"{group} is no multicast group of IPv4") from None
+        self._address = group, port
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             for option in (socket.SO_REUSEADDR, socket.SO_REUSEPORT):
                 self._socket.setsockopt(socket.SOL_SOCKET, option, 1)
-            if sys.platform == "linux":
-                self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
             # Bound to the group, not to all addresses: unicast datagrams are not received.
             self._socket.bind(self._address)
-            # Nor are those that another process here has its group's networks deliver.
             if sys.platform == "linux":
-                is_ipv4 = family == socket.AF_INET
-                self._socket.setsockopt(*(_MULTICAST_ALL if is_ipv4 else _MULTICAST_ALL_6), 0)
-            if family == socket.AF_INET:
-                level, there = socket.IPPROTO_IP, struct.pack("@4s4si", bytes(4), bytes(4), index)
-                self._socket.setsockopt(level, socket.IP_MULTICAST_IF, there)
-                self._socket.setsockopt(level, socket.IP_MULTICAST_TTL, hops)
-                request = struct.pack("@4s4si", socket.inet_pton(family, group), bytes(4), index)
-                self._socket.setsockopt(level, socket.IP_ADD_MEMBERSHIP, request)
-            else:
-                level = socket.IPPROTO_IPV6
-                self._socket.setsockopt(level, socket.IPV6_MULTICAST_IF, index)
-                self._socket.setsockopt(level, socket.IPV6_MULTICAST_HOPS, hops)
-                request = struct.pack("@16si", socket.inet_pton(family, group), index)
-                self._socket.setsockopt(level, socket.IPV6_JOIN_GROUP, request)
+                self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+                # Nor are those that another process here has its group's networks deliver.
+                self._socket.setsockopt(socket.IPPROTO_IP, _MULTICAST_ALL, 0)
+            there = struct.pack("@4s4si", bytes(4), bytes(4), index)
+            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, there)
+            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, hops)
+            request = struct.pack("@4s4si", member, bytes(4), index)
+            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, request)
         except OSError:
             self._socket.close()
             raise

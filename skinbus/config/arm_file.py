@@ -121,13 +121,8 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     if robot is not None or "robot" not in tables:  # one with faults of its own is reported there
         rate_hz = arm.rate_hz if arm else 1.0  # an arm without it is refused
         carrier = robot_settings(robot, joints, links, _names(tables, "bus"), rate_hz, path, faults)
-    written = {
-        str(table.get("name")): SURFACES.get(str(table.get("surface")))
-        for table in _tables(tables, "link")[:MAX_SHOWN]
-        if isinstance(table, dict)
-    }
     named = {link.name: (i, link) for i, (_, link) in enumerate(links)}
-    mountings = mount(patches, rings, named, written, faults)
+    mountings = mount(patches, rings, named, _names(tables, "link"), faults)
     mountings = _plug_in(mountings, [*patches, *rings], _names(tables, "bus"), faults)
     _check_unique("node_id", [(m.key, (m.bus, m.node_id)) for m in mountings], faults)
     return ArmFile(

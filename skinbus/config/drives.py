@@ -6,7 +6,6 @@ from typing import Final, NamedTuple
 
 from skinbus.errors import EdsError, Fault
 from skinbus.model import Arm, JointSettings
-from skinbus.objects.cia import TIME_ID
 from skinbus.objects.drives import DrivePosition, drive_position
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import rpdos, tpdos
@@ -67,8 +66,6 @@ def check_drives(arm: Arm, taken: dict[tuple[int, int], str], faults: list[Fault
             if not pdo.valid or pdo.extended:
                 continue
             sender = senders.setdefault((joint.bus, pdo.cob_id), joint.key)
-            if pdo.cob_id <= TIME_ID:  # SYNC, EMCY, TIME; readers of files refuse others
-                sender = "another service of CANopen"
             if sender != joint.key:
                 seen = f"COB-ID 0x{pdo.cob_id:03X}"
                 faults.append(Fault(f"{key} TPDO {pdo.number}", seen, f"another: {sender} has it"))

@@ -15,6 +15,7 @@ import numpy as np
 from skinbus.config.arm_file import ArmFile
 from skinbus.config.arm_tables import MeshTable, beside
 from skinbus.errors import ConfigError, Fault
+from skinbus.file_bytes import cache_home
 from skinbus.model import Link, PlacedPatch
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def lay_links(
             links.append(Link(table.name, table.build()))
             continue
         from skinbus.robot.mesh import load_mesh
-        from skinbus.robot.mesh_link import Laid, cache_folder, lay
+        from skinbus.robot.mesh_link import Laid, lay
 
         key, mesh_file = f"link[{k + 1}]", beside(table.mesh, file.path)
         own = [p for p, patch in enumerate(placed) if patch.link == k]
@@ -54,7 +55,7 @@ def lay_links(
             mesh = read[which] if which in read else read.setdefault(which, load_mesh(*which))
             if not own:
                 raise ConfigError(str(mesh_file), [Fault("boards", 0, "at least one on a mesh")])
-            surface, rows = lay(mesh, boards, str(mesh_file), cache_folder())
+            surface, rows = lay(mesh, boards, str(mesh_file), cache_home() / "charts")
         except ConfigError as error:
             faults += [_at(key, mesh_file, fault) for fault in error.faults]
             continue

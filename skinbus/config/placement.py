@@ -41,30 +41,29 @@ def mount(
     patches: Sequence[tuple[str, PatchTable]],
     rings: Sequence[tuple[str, RingTable]],
     named: Named,
-    written: Mapping[str, type[LinkTable] | None],
+    known: Sequence[Any],
     faults: list[Fault],
 ) -> list[Mounting]:
     """Return single patches, then the patches of rings, in the order of the file.
 
-    written: names of all links, of those with faults too, and their kinds if they are known
+    known: names of all links, of those with faults too
     """
     for key, table in (*patches, *rings):
-        if table.link not in written:  # a link that has faults of its own is reported there
-            known = ", ".join(printable(n, limit=MAX_NAME) for n in written) or "none"
-            faults.append(Fault(f"{key}.link", table.link, f"the name of a link: {known}"))
+        if table.link not in known:  # a link that has faults of its own is reported there
+            names = ", ".join(printable(str(n), limit=MAX_NAME) for n in known) or "none"
+            faults.append(Fault(f"{key}.link", table.link, f"the name of a link: {names}"))
     mountings = []
     for key, patch in patches:
-        kind = written.get(patch.link)
-        own = list(_patch_faults(key, patch, kind)) if kind else []
-        faults += own
         if patch.link in named:
-            mountings.append(_patch(key, patch, *named[patch.link], has_place=not own))
+            number, link = named[patch.link]
+            faults += _patch_faults(key, patch, link)
+            mountings.append(_patch(key, patch, number, link))
     for key, ring in rings:
         mountings += _ring(key, ring, named, faults)
     return mountings
 
 
-def _patch_faults(key: str, patch: PatchTable, kind: type[LinkTable]) -> Iterator[Fault]:
+def _patch_faults(key: str, patch: PatchTable, kind: LinkTable) -> Iterator[Fault]:
     """Yield what is wrong with the keys that place a patch on a kind of link."""
     for name in ("s_mm", "a_mm", "angle_deg", "yaw_deg", "xyz_mm", "along"):
         if name in patch.model_fields_set and name not in kind.places:
@@ -77,8 +76,7 @@ def _patch_faults(key: str, patch: PatchTable, kind: type[LinkTable]) -> Iterato
         yield Fault(f"{key}.{needed}", None, what)
 
 
-def _patch(key: str, patch: PatchTable, number: int, link: LinkTable, *, has_place: bool) -> Mounting:
-    """Return a single patch; a is NaN where it has no place."""
+def _patch(key: str, patch: PatchTable, number: int, link: LinkTable) -> Mounting:
     a = 1e-3 * (patch.a_mm or 0.0)
     if "angle_deg" in link.places:
         a = _around(link, patch.angle_deg or 0.0)
@@ -87,7 +85,7 @@ def _patch(key: str, patch: PatchTable, number: int, link: LinkTable, *, has_pla
         node_id=patch.node_id,
         link=number,
         s=1e-3 * (patch.s_mm or 0.0),
-        a=a if has_place else math.nan,
+        a=a,
         yaw=math.radians(patch.yaw_deg),
         eds=patch.eds,
         settings=patch.set,

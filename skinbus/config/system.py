@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -18,7 +17,7 @@ from skinbus.config.mesh_links import lay_links
 from skinbus.config.mounting import outside, overlap
 from skinbus.config.placement import Mounting
 from skinbus.errors import ConfigError, EdsError, Fault, FaultList
-from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface
+from skinbus.model import Arm, Link, Patch, PlacedPatch
 from skinbus.objects import cia
 from skinbus.objects.board import describe_patch
 from skinbus.objects.bus_load import CLASSIC_BYTES, MAX_LOAD, cyclic_load
@@ -42,22 +41,13 @@ def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
     path = find_arm(name_or_path)
     file = read_arm_file(path)
     faults = FaultList(file.faults)
-    placed, ods, mountings = _place(file, faults)
+    placed, ods = _place(file, faults)
     links: list[Link] = []
-    names = [link.name for link in file.links]
     if not faults:
         links, placed = lay_links(file, placed, faults)
-    if faults:  # of what is right, places are looked at all the same
-        flat = [
-            p
-            for p, board in enumerate(placed)
-            if math.isfinite(board.a) and file.links[board.link].surface != "mesh"
-        ]
-        surfaces = {k: file.links[k].build() for k in sorted({placed[p].link for p in flat})}
-        _check_geometry(surfaces, names, [placed[p] for p in flat], [mountings[p] for p in flat], faults)
-    else:
+    if not faults:
         arm = Arm(file.name, links, placed, *file.buses, robot=file.robot)
-        _check_geometry(dict(enumerate(link.surface for link in links)), names, placed, mountings, faults)
+        _check_geometry(arm, file.mountings, faults)
         _check_bus(arm, ods, file.mountings, faults)
         _check_mapped(arm, ods, file.mountings, faults)
         if check_load:
@@ -70,15 +60,13 @@ def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
 def ods_of(arm: Arm) -> list[ObjectDictionary]:
     """Return the object dictionaries of the patches of an arm, each on its node-ID.
 
-    Equal patches on several buses share one.
-
     Raises:
         EdsError: a patch names an EDS that does not exist or has faults.
         ValueError: the EDS of a patch describes another number of tactels than the arm has.
     """
-    ods, load = [], _loader()
+    ods = []
     for placed in arm.patches:
-        od = load(placed.eds, placed.node_id, placed.settings, placed.serial)
+        od = load_eds(placed.eds, placed.node_id, settings=placed.settings, serial=placed.serial)
         n_tactels = current(look_up(od, TACTEL_COUNT))
         if n_tactels != placed.patch.n_tactels:
             raise ValueError(f"{placed.eds} has {n_tactels!r} tactels; the arm has {placed.patch.n_tactels}")
@@ -86,11 +74,9 @@ def ods_of(arm: Arm) -> list[ObjectDictionary]:
     return ods
 
 
-def _place(
-    file: ArmFile, faults: FaultList
-) -> tuple[list[PlacedPatch], list[ObjectDictionary], list[Mounting]]:
-    """Return placed patches, their dictionaries and mountings; a fault of an EDS of several is said once."""
-    placed, ods, mountings, load = [], [], [], _loader()
+def _place(file: ArmFile, faults: FaultList) -> tuple[list[PlacedPatch], list[ObjectDictionary]]:
+    """Return placed patches and their dictionaries; a fault of an EDS of several is said once."""
+    placed, ods = [], []
     known: dict[tuple[str, Settings], Patch | None] = {}
     for mounting in file.mountings:
         if faults.n_more:  # ten of a kind are listed; each board takes a while
@@ -99,7 +85,7 @@ def _place(
         try:
             if (counter := file.buses[0].sync_counter) and cia.SYNC_COUNTER_OVERFLOW in load_eds(eds, 1):
                 settings = ((f"0x{cia.SYNC_COUNTER_OVERFLOW:04X}", counter), *settings)
-            od = load(eds, mounting.node_id, settings, mounting.serial)
+            od = load_eds(eds, mounting.node_id, settings=settings, serial=mounting.serial)
             if (eds, settings) not in known:
                 known[eds, settings] = describe_patch(od, eds)
         except EdsError as error:
@@ -109,7 +95,6 @@ def _place(
         patch = known[eds, settings]
         if patch is not None:
             ods.append(od)
-            mountings.append(mounting)
             placed.append(
                 PlacedPatch(
                     patch=patch.mirrored() if mounting.is_mirrored else patch,
@@ -124,14 +109,7 @@ def _place(
                     bus=mounting.bus,
                 )
             )
-    return placed, ods, mountings
-
-
-def _loader() -> Callable[[str, int, Settings, int], ObjectDictionary]:
-    """Return ``load_eds`` with a memory: the same board on the same node-ID is read once."""
-    return cache(
-        lambda eds, node_id, settings, serial: load_eds(eds, node_id, settings=settings, serial=serial)
-    )
+    return placed, ods
 
 
 def _at(mounting: Mounting, eds: str, fault: Fault) -> Fault:
@@ -144,21 +122,16 @@ def _at(mounting: Mounting, eds: str, fault: Fault) -> Fault:
     )
 
 
-def _check_geometry(
-    surfaces: Mapping[int, Surface],
-    names: Sequence[str],
-    placed: Sequence[PlacedPatch],
-    mountings: Sequence[Mounting],
-    faults: list[Fault],
-) -> None:
-    """Add the faults of places on links, whose surfaces are given by their numbers."""
-    for k, surface in surfaces.items():
-        own = [(patch, at.key) for patch, at in zip(placed, mountings, strict=True) if patch.link == k]
+def _check_geometry(arm: Arm, mountings: Sequence[Mounting], faults: list[Fault]) -> None:
+    """Add the faults of places on links."""
+    for k, link in enumerate(arm.links):
+        surface = link.surface
+        own = [(patch, at.key) for patch, at in zip(arm.patches, mountings, strict=True) if patch.link == k]
         for patch, key in own:
             # all tactels are on a mesh; boards may overhang its rim
             over = outside(surface, patch) if patch.on_chart is None else 0.0
             if over > PLACEMENT_TOLERANCE:
-                where = f"{1e3 * over:.1f} mm beyond link {names[k]!r}"
+                where = f"{1e3 * over:.1f} mm beyond link {link.name!r}"
                 faults.append(Fault(key, None, f"a place where it does not stick out {where}"))
         places = [(patch.s, patch.a, 0.5 * math.hypot(*patch.patch.size)) for patch, _ in own]
         s, a, reach = np.reshape(places, (-1, 3)).T

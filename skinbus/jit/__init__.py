@@ -92,12 +92,8 @@ def on_compile(call: Callable[[], object]) -> Iterator[None]:
 
     It may raise: between two kernels is the only safe place to interrupt numba and LLVM.
     """
-    listener = _Listener(call)
-    event.register("numba:compile", listener)  # type: ignore[no-untyped-call]
-    try:
+    with event.install_listener("numba:compile", _Listener(call)):
         yield
-    finally:
-        event.unregister("numba:compile", listener)  # type: ignore[no-untyped-call]
 
 
 def refuse() -> None:

@@ -11,11 +11,11 @@ import hashlib
 import logging
 import os
 import pickle
-import stat
 import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -26,6 +26,8 @@ from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
 from numba.core.registry import cpu_target
 from numba.core.serialize import dumps
+
+from skinbus.file_bytes import cache_home, write_whole
 
 SUFFIX: Final = ".kernel"
 N_DIGEST: Final = 32
@@ -38,25 +40,20 @@ ANY_PROCESSOR: Final = ("generic", "")
 log = logging.getLogger(__name__)
 
 
+@dataclass
 class KernelFolder:
-    """A folder of compiled kernels; ``path`` is None where none can be used, ``fault`` says why.
+    """A folder of compiled kernels; ``path`` is None where none can be used, ``fault`` says why."""
 
-    One that is ``shipped`` belongs to the package: it is only read.
-    """
-
-    def __init__(self, path: Path | None, fault: str = "", *, shipped: bool = False) -> None:
-        self.path = path
-        self.fault = fault
-        self.shipped = shipped
+    path: Path | None
+    fault: str = ""
 
     def load(self, name: str) -> bytes | None:
         """Return a kernel, None if there is none; remove it if it is damaged."""
-        if self.path is None or not (entry := self.path / (name + SUFFIX)).exists():
-            return None
         try:
-            content = entry.read_bytes()
-        except OSError as error:
-            self._give_up(error)
+            content = (self.path / (name + SUFFIX)).read_bytes() if self.path is not None else None
+        except OSError:
+            content = None
+        if content is None:
             return None
         payload = content[N_DIGEST:]
         if content[:N_DIGEST] == hashlib.sha256(payload).digest():
@@ -65,45 +62,35 @@ class KernelFolder:
         return None
 
     def save(self, name: str, payload: bytes) -> None:
-        """Write a kernel as a whole, and remove what was not read for a month."""
+        """Write a kernel as a whole, and remove what was not read for a month; after a fault, no more."""
         if self.path is None:
             return
-        unfinished = self.path / f"{name}.{os.getpid()}.tmp"
         try:
-            with unfinished.open("wb") as file:
-                file.write(hashlib.sha256(payload).digest() + payload)
-                file.flush()
-                os.fsync(file.fileno())  # or a power loss leaves a name without its content
-            unfinished.replace(self.path / (name + SUFFIX))
+            write_whole(self.path / (name + SUFFIX), hashlib.sha256(payload).digest() + payload, 0o600)
             for path in self.path.iterdir():
                 with suppress(FileNotFoundError):  # another process has removed it
                     if time.time() - path.lstat().st_atime > UNUSED_S:
                         path.unlink()
         except OSError as error:
-            unfinished.unlink(missing_ok=True)
-            self._give_up(error)
+            log.warning("kernel cache: %s; kernels are compiled without one", error)
+            self.path, self.fault = None, str(error)
 
     def discard(self, name: str, fault: str) -> None:
         """Remove a kernel that cannot be used."""
         log.warning("kernel cache: %s is damaged (%s): compiled anew", name, fault)
-        if self.path is not None and not self.shipped:
-            (self.path / (name + SUFFIX)).unlink(missing_ok=True)
+        if self.path is not None:
+            with suppress(OSError):  # of a wheel, in a folder of root
+                (self.path / (name + SUFFIX)).unlink()
 
     def names(self) -> list[str]:
         """Return the names of all kernels."""
         return [] if self.path is None else [path.stem for path in sorted(self.path.glob("*" + SUFFIX))]
 
-    def _give_up(self, error: OSError) -> None:
-        """Work without a cache from here on: what failed once would fail for every kernel."""
-        log.warning("kernel cache: %s; kernels are compiled without one", error)
-        self.path, self.fault = None, str(error)
-
 
 @cache
 def shipped_kernels() -> KernelFolder:
     """Return the kernels that a wheel of ``tools/wheel`` carries, compiled for any processor."""
-    path = Path(__file__).parent / "kernels"
-    return KernelFolder(path if path.is_dir() else None, shipped=True)
+    return KernelFolder(Path(__file__).parent / "kernels")
 
 
 @cache
@@ -113,9 +100,7 @@ def kernel_folder() -> KernelFolder:
     It lies in ``NUMBA_CACHE_DIR``, or else in ``skinbus`` in the user's cache folder.
     """
     try:
-        given = Path(os.environ.get("XDG_CACHE_HOME", ""))
-        home = given if given.is_absolute() else Path.home() / ".cache"
-        root = Path(os.environ.get("NUMBA_CACHE_DIR") or home / "skinbus")
+        root = Path(os.environ.get("NUMBA_CACHE_DIR") or cache_home())
         path = root / f"kernels-{sys.implementation.cache_tag}"
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         fault = _fault_of(path)
@@ -127,20 +112,11 @@ def kernel_folder() -> KernelFolder:
 def _fault_of(path: Path) -> str:
     """Return why kernels in a folder must not be run or cannot be written, "" if nothing is wrong."""
     status = path.lstat()
-    if not stat.S_ISDIR(status.st_mode):
-        return "is not a folder"
     if status.st_uid != os.geteuid():
         return "belongs to another user"
     if status.st_mode & 0o022:
         return "can be written by other users"
     return "" if os.access(path, os.W_OK | os.X_OK) else "cannot be written"
-
-
-def verify_entries() -> tuple[int, int]:
-    """Read every kernel on disk; return how many are sound, and how many were damaged and are not used."""
-    folders = kernel_folder(), shipped_kernels()
-    sound = [folder.load(name) is not None for folder in folders for name in folder.names()]
-    return sum(sound), len(sound) - sum(sound)
 
 
 class KernelCache(_Cache):

@@ -130,12 +130,6 @@ class Geodesics:
         return found
 
 
-def cache_folder() -> Path:
-    """Return the folder where charts are kept, beside the compiled kernels of the user."""
-    given = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(given) if Path(given).is_absolute() else Path.home() / ".cache") / "skinbus" / "charts"
-
-
 def lay(
     mesh: Mesh, boards: Sequence[Laid], name: str, kept: Path | None = None
 ) -> tuple[MeshSurface, list[OnChart]]:

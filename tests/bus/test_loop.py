@@ -23,15 +23,6 @@ def test_core_is_woken_at_its_times_and_no_earlier():
     assert report.steps == 4
 
 
-def test_frames_reach_the_core_when_they_come():
-    core = Talker()
-    arrivals = [Frame(0x181, b"\x01", 3 * MS), Frame(0x182, b"\x02", 3 * MS), Frame(0x183, b"\x03", 250 * MS)]
-    _, report = run(core, until_ns=500 * MS, arrivals=arrivals)
-    assert core.heard == arrivals
-    assert core.steps == [0, 3 * MS, 250 * MS]
-    assert report.n_received == 3
-
-
 def test_stop_event_of_the_core_ends_the_loop_after_its_frames_are_sent():
     class Last(Core):
         cob_ids = None

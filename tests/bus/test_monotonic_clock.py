@@ -1,19 +1,8 @@
 """Clocks never go back, and know the time of the wall."""
 
-import time
 from types import SimpleNamespace
 
 from skinbus.bus.monotonic_clock import MonotonicClock
-
-
-def test_monotonic_clock_shows_the_wall_time_of_its_stamps():
-    clock = MonotonicClock()
-    t_ns = clock.now_ns()
-    assert clock.now_ns() >= t_ns
-    # A second is for a wall clock that is set meanwhile.
-    before_ns = time.time_ns()
-    wall_ns = clock.wall_ns(clock.now_ns())
-    assert before_ns - 1_000_000_000 < wall_ns < time.time_ns() + 1_000_000_000
 
 
 def test_a_machine_that_is_busy_while_the_clock_is_made_does_not_shift_the_time_of_day(monkeypatch):

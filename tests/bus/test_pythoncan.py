@@ -10,9 +10,7 @@ from types import SimpleNamespace
 import can
 import pytest
 
-from skinbus.bus import udp_multicast
-from skinbus.bus.pythoncan import PythonCanBus, known_interfaces
-from skinbus.bus.udp_multicast import MulticastBus
+from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.can.frame import EXTENDED, RTR, Frame
 from skinbus.errors import BusError
 from tests.own_bus import own_port
@@ -74,34 +72,6 @@ def test_reception_goes_on_after_garbage_datagrams():
         for junk in (b"", b"\xc1", b"hello", b"\x93\x01\x02\x03", random.Random(1).randbytes(200)):
             stranger.sendto(junk, (GROUP, PORT))
         assert bare(exchange(a, b, CLASSIC)) == bare(CLASSIC)
-
-
-def test_message_that_is_no_frame_is_garbage():
-    with udp() as bus:
-        peer = MulticastBus(GROUP, port=PORT)
-        for fields in ({"arbitration_id": 3.5}, {"dlc": 2.0, "is_remote_frame": True}, {"data": 2**32}):
-            message = can.Message(is_extended_id=False)
-            for name, value in fields.items():
-                setattr(message, name, value)
-            peer.send(message)
-        peer.send(can.Message(arbitration_id=0x123, is_extended_id=False))
-        heard = receive_until(bus, len)
-        peer.shutdown()
-        assert bare(heard) == [(0x123, b"", 0)]
-
-
-def test_unknown_interface_says_which_there_are():
-    with pytest.raises(
-        BusError, match=r"unknown interface 'socketcam'; did you mean socketcan\? known: .*virtual"
-    ):
-        PythonCanBus("socketcam")
-    assert "udp_multicast" in known_interfaces()
-
-
-def test_missing_msgpack_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(udp_multicast, "msgpack", None)
-    with pytest.raises(BusError, match="pip install msgpack"):
-        udp()
 
 
 @pytest.mark.parametrize(

@@ -18,11 +18,6 @@ BY_CANDUMP = Path(__file__).parent / "candump"
 """The same frames on vcan0 and vcan1 as candump of can-utils 2020.11 wrote them with these options."""
 
 
-def frames_in(file):
-    """The frames of a recording."""
-    return [frame for frame, _ in CandumpReader(file)]
-
-
 TABLE = [
     (Frame(0x123, b"\x00\x11", 1_436_509_052_249_713 * US), "(1436509052.249713) can0 123#0011"),
     (Frame(0x000, b"\x01\x00"), "(0.000000) can0 000#0100"),
@@ -66,20 +61,6 @@ any_frame = st.one_of(
     ),
     st.builds(Frame, st.integers(0, 0x1FFFFFFF), st.just(bytes(8)), times, st.just(ERROR), st.just(0)),
 )
-
-
-@pytest.mark.slow
-@given(st.lists(any_frame, max_size=20))
-def test_what_is_written_is_read_again(frames):
-    frames.sort(key=lambda frame: frame.t_ns)
-    file = io.StringIO()
-    with CandumpWriter(file, channels=["vcan3"]) as writer:
-        for frame in frames:
-            writer(frame)
-    assert writer.n_frames == len(frames)
-    file.seek(0)
-    if frames:
-        assert list(CandumpReader(file)) == [(frame, "vcan3") for frame in frames]
 
 
 @given(st.lists(any_frame.filter(lambda frame: not frame.flags & ERROR), min_size=1, max_size=10))

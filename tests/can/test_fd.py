@@ -23,7 +23,3 @@ def test_worst_case_of_sixteen_readings_is_the_sum_of_its_fields():
     assert worst_case_bits(32) == (34, 5 + 256 + 65 + 25 + 7)
     # Sixteen readings in one frame at 1 and 5 Mbit/s, against four classic frames of 135 bits.
     assert worst_case_bits(32).ns(1_000_000, 5_000_000) == 34_000 + 71_600
-
-
-def test_time_is_rounded_up_in_both_phases():
-    assert worst_case_bits(64).ns(3, 7) == -(-34 * 10**9 // 3) - (-worst_case_bits(64).data * 10**9 // 7)

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skinbus.can.fd import LENGTHS, worst_case_bits
-from skinbus.can.fd_bits import fd_bits, fd_fault, frame_ns
+from skinbus.can.fd import LENGTHS
+from skinbus.can.fd_bits import fd_bits, fd_fault
 from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame
 from skinbus.can.virtual_bus import VirtualBus
 from tests.bus.cores import Talker
@@ -61,13 +61,6 @@ def test_length_is_that_of_the_bits_written_out(frame):
     assert fd_bits(frame) == ((slow, fast) if frame.flags & BRS else (slow + fast, 0))
 
 
-@given(fd_frames())
-def test_no_frame_is_longer_than_the_worst_case(frame):
-    if not frame.flags & EXTENDED:
-        worst = worst_case_bits(len(frame.data)).ns(BITRATE, DATA_BITRATE)
-        assert frame_ns(frame._replace(flags=frame.flags | BRS), BITRATE, DATA_BITRATE) <= worst
-
-
 def test_known_frame_of_zeros():
     # Two stuff bits among the 14 zeros before FDF; after the switch, one in five of the 512 zeros of data.
     assert fd_bits(Frame(0, bytes(64), 0, FD | BRS)) == (30 + 2, 5 + 512 + 102 + 32)
@@ -89,16 +82,3 @@ def test_what_can_fd_cannot_carry_has_a_fault_and_is_refused_by_the_wire(frame):
     port = wire.attach(Talker([(0, frame)]))
     wire.run(1_000_000)
     assert (wire.n_frames, port.refused) == (0, 1)
-
-
-def test_same_identifier_as_fd_and_as_classic_frame_is_a_collision():
-    wire = VirtualBus(BITRATE, data_bitrate=DATA_BITRATE)
-    for frame in (Frame(0x181, bytes(8)), Frame(0x181, bytes(32), flags=FD | BRS)):
-        wire.attach(Talker([(0, frame)]))
-    wire.run(1_000_000)
-    assert wire.n_collisions > 0
-
-
-def test_time_of_a_frame_that_a_bus_cannot_carry_is_an_error():
-    with pytest.raises(ValueError, match="classic bus"):
-        frame_ns(Frame(0x181, bytes(32), flags=FD), BITRATE, None)

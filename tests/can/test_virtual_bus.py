@@ -5,10 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skinbus.can.classic_bits import frame_bits
-from skinbus.can.core import Core, Step
 from skinbus.can.frame import EXTENDED, RTR, Frame
 from skinbus.can.virtual_bus import WINDOW_NS, VirtualBus
-from tests.bus.cores import Answerer, Talker
+from tests.bus.cores import Talker
 
 BIT_NS = 1000  # at 1 Mbit/s
 SECOND_NS = 1_000_000_000
@@ -30,17 +29,6 @@ def test_frame_is_heard_at_the_end_of_its_last_bit_by_all_others():
     assert a.heard == b.heard == [frame._replace(t_ns=end_ns)]
     assert sender.heard == []
     assert a.steps == [0, end_ns]
-
-
-def test_next_frame_begins_three_bits_after_the_last():
-    first, second = Frame(0x181), Frame(0x182)
-    listener = Talker()
-    wire = VirtualBus()
-    wire.attach(Talker([(0, first), (0, second)]))
-    wire.attach(listener)
-    wire.run(SECOND_NS)
-    gap = listener.heard[1].t_ns - listener.heard[0].t_ns
-    assert gap == frame_bits(second) * BIT_NS
 
 
 ARBITRATION_ORDER = [
@@ -109,42 +97,6 @@ def test_only_data_frames_reach_a_core_that_names_its_identifiers():
     wire.run(SECOND_NS)
     assert [(frame.can_id, frame.flags) for frame in picky.heard] == [(0x701, 0)]
     assert len(all_hearing.heard) == 3
-
-
-def test_answers_follow_their_questions_and_events_reach_the_host():
-    events = []
-    asker = Talker([(0, Frame(0x600, b"\x01"))], cob_ids=frozenset({0x601}))
-    wire = VirtualBus(on_event=events.append)
-    wire.attach(asker)
-    wire.attach(Answerer())
-    wire.run(SECOND_NS)
-    assert bare(asker.heard) == [(0x601, b"\x01", 0)]
-    assert [(event.kind, event.detail) for event in events] == [("heard", "600")]
-
-
-def test_wake_ups_come_at_their_time_and_time_stands_at_the_end():
-    sleeper = Talker([(t_ns, Frame(0x10)) for t_ns in (7, 1_000, 3_600 * SECOND_NS)])
-    wire = VirtualBus()
-    wire.attach(sleeper)
-    wire.run(3_601 * SECOND_NS)
-    assert sleeper.steps == [0, 7, 1_000, 3_600 * SECOND_NS]
-    assert wire.now_ns == wire.clock.now_ns() == 3_601 * SECOND_NS
-
-
-def test_core_that_always_wants_to_be_called_at_once_does_not_stop_time():
-    class Restless(Core):
-        cob_ids = frozenset()
-        calls = 0
-
-        def step(self, now_ns, frames):
-            self.calls += 1
-            return Step((), (), 0)
-
-    restless = Restless()
-    wire = VirtualBus()
-    wire.attach(restless)
-    wire.run(10 * BIT_NS)
-    assert restless.calls == 11
 
 
 def test_load_of_a_back_to_back_bus_is_one_and_falls_when_it_is_quiet():

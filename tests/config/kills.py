@@ -1,12 +1,8 @@
-"""A process that saves without a pause is killed at random: what it leaves is always a whole state.
-
-``python -m tests.config.kills 500`` kills it so often; a number after that is the seed.
-"""
+"""A process that saves without a pause is killed at random: what it leaves is always a whole state."""
 
 import random
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -46,10 +42,3 @@ def kill_often(n, seed, folder):
         assert all(own["zero_Pa"] == [float(state["n"] - 1)] * 16 for own in state["patches"].values())
         last = state["n"]
     return last
-
-
-if __name__ == "__main__":
-    n_kills = int(sys.argv[1]) if len(sys.argv) > 1 else 20
-    first_seed = int(sys.argv[2]) if len(sys.argv) > 2 else 0
-    with tempfile.TemporaryDirectory() as where:
-        print(f"{n_kills} kills, {kill_often(n_kills, first_seed, where)} saves, every state whole")

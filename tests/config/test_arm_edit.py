@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import pytest
 
-from skinbus.config.arm_edit import edit_arm, write_text
+from skinbus.config.arm_edit import edit_arm
 from skinbus.config.arm_file import check_tables, find_arm
 from skinbus.errors import ConfigError
 
@@ -126,19 +126,3 @@ def test_shipped_arms_take_any_change(name, edit, tmp_path):
     assert [line for line in text.splitlines() if line.startswith("#")] == [
         line for line in edit(text, changes).splitlines() if line.startswith("#")
     ]
-
-
-def test_a_file_is_replaced_as_a_whole_and_keeps_its_mode(tmp_path, monkeypatch):
-    path = tmp_path / "arm.toml"
-    path.write_text("old")
-    path.chmod(0o640)
-    write_text(path, "new")
-    assert (path.read_text(), path.stat().st_mode & 0o777) == ("new", 0o640)
-
-    def fail(*args):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", fail)
-    with pytest.raises(OSError, match="space"):
-        write_text(path, "newer")
-    assert [p.read_text() for p in tmp_path.iterdir()] == ["new"]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skinbus.config.arm_file import check_tables, find_arm, read_arm_file
+from skinbus.config.arm_file import check_tables, read_arm_file
 from skinbus.model import BusSettings
 
 TEXT = """
@@ -126,11 +126,6 @@ def test_cone_steeper_than_its_length_is_refused(tmp_path):
 def test_two_links_of_one_name(tmp_path):
     faults = read(tmp_path, TEXT.replace('name = "horn"', 'name = "table"')).faults
     assert str(faults[0]) == "link[2].name: is 'table'; wanted another: link[1] has it"
-
-
-def test_shipped_arms_are_found_by_name():
-    for name in ("arm", "arm-two-buses", "forearm", "pad"):
-        assert find_arm(name).name == f"{name}.toml"
 
 
 scalars = st.one_of(

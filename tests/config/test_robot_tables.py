@@ -73,12 +73,6 @@ def test_the_robot_is_read_in_si_units(tmp_path):
     assert (rail.fixed, rail.is_linear, rail.node_id) == (0.25, True, None)
 
 
-@pytest.mark.parametrize(("rate_hz", "max_age_ms"), [(50, 50), (100, 50), (10, 150), (1, 1500)])
-def test_joint_positions_that_come_once_a_cycle_are_young_enough_by_default(tmp_path, rate_hz, max_age_ms):
-    text = ARM.replace("max_age_ms = 20\n", "").replace("[robot]", f"rate_hz = {rate_hz}\n[robot]")
-    assert read(tmp_path, text).robot.max_age_ns == max_age_ms * 1_000_000
-
-
 def test_an_arm_without_a_robot_has_none():
     assert load_arm("forearm").robot is None
 

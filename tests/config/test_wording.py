@@ -23,22 +23,6 @@ def said_of_touch(**changes):
     return [str(fault) for fault in refused.value.faults]
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"node_di": 1}, "patch[1].node_di: is 1; wanted no such key; did you mean 'node_id'?"),
-        ({"s_mm": "x"}, "patch[1].s_mm: is 'x'; wanted a number"),
-        (
-            {"node_id": 127},
-            "patch[1].node_id: is 127; wanted a node-ID from 1 to 126; 127 is that of the master",
-        ),
-        ({"yaw_deg": [1]}, "patch[1].yaw_deg: is [1]; wanted a number"),
-    ],
-)
-def test_an_arm(tmp_path, change, said):
-    assert said in said_of_arm(tmp_path, patch=[PATCH | change])
-
-
 def test_an_unknown_table_is_answered_with_the_nearest(tmp_path):
     (said,) = said_of_arm(tmp_path, lnik=[LINK])
     assert "did you mean 'link'?" in said
@@ -57,14 +41,3 @@ def test_a_misspelt_key_of_a_touch_and_of_an_effect():
     tables = {"scene": {"arm": "pad", "duration_s": 1.0}, "effect": {"nois": {}}}
     with pytest.raises(ConfigError, match="did you mean 'noise'"):
         scene_of(tables)
-
-
-def test_a_key_with_a_unit_is_not_answered_with_one_without():
-    tables = {
-        "scene": {"arm": "pad", "duration_s": 1.0},
-        "effect": {"patch_silent": {"nodes": [1], "end_s": 1.0}},
-    }
-    with pytest.raises(ConfigError) as refused:
-        scene_of(tables)
-    assert "did you mean 'nodes'" not in str(refused.value)
-    assert "to_s" in str(refused.value)

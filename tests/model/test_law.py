@@ -39,29 +39,6 @@ def test_force_inverts_pressure_wherever_the_contact_presses(slope, force, share
     assert cone.force(cone.pressure(d, force), d) == pytest.approx(force, rel=1e-12)
 
 
-def test_a_hand_result():
-    # S = 3 MPa/m and F = 8 pi N: R = (24 pi / (3e6 pi))^(1/3) = 0.02 m, H = 60 kPa
-    cone = Cone(3e6)
-    assert cone.reach(8 * np.pi) == pytest.approx(0.02)
-    assert cone.pressure([0.0, 0.01, 0.02, 0.03], 8 * np.pi) == pytest.approx(
-        [60e3, 30e3, 0.0, 0.0], abs=1e-6
-    )
-
-
-def test_no_force_presses_nowhere_and_no_pressure_says_no_force():
-    cone = Cone()
-    assert cone.pressure([0.0, 0.01], 0.0) == pytest.approx([0.0, 0.0])
-    assert list(cone.force([0.0, -5.0], [0.0, 0.02])) == [0.0, 0.0]
-
-
-@given(slopes, forces, st.floats(0.0, 0.1), st.floats(0.0, 0.1))
-def test_pressure_falls_with_distance_and_grows_with_force(slope, force, d1, d2):
-    cone = Cone(slope)
-    near, far = sorted((d1, d2))
-    assert cone.pressure(near, force) >= cone.pressure(far, force) >= 0.0
-    assert cone.pressure(d1, 2 * force) >= cone.pressure(d1, force)
-
-
 TABLE = np.array([100.0, 60.0, 10.0, -2.0])
 
 
@@ -81,13 +58,6 @@ def test_radial_law_is_smooth_and_flat_at_its_peak():
         right = (law.profile(d + h) - law.profile(d)) / h
         assert float(right) == pytest.approx(float(left), rel=1e-4)
     assert float(law.profile(h) - law.profile(0.0)) == pytest.approx(0.0, abs=1e-6)
-
-
-@given(forces, forces, st.floats(0.0, 0.004))
-def test_radial_pressure_is_proportional_to_the_effective_force(f1, f2, d):
-    law = Radial(0.001, TABLE, 0.8)
-    p1, p2 = float(law.pressure(d, f1)), float(law.pressure(d, f2))
-    assert p1 * f2**0.8 == pytest.approx(p2 * f1**0.8, rel=1e-9, abs=1e-12)
 
 
 @given(forces, st.floats(0.0, 0.0029), st.floats(0.3, 1.5))

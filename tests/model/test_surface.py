@@ -48,17 +48,6 @@ def test_undevelop_inverts_develop(surface, s, a, a0):
     assert surface.wrap(back_a - a) == pytest.approx(0.0, abs=ROUNDING)
 
 
-@given(surfaces(), lengths, turns, lengths, turns, st.floats(0.0, 1.0))
-def test_flat_distance_is_the_distance_on_the_surface(surface, s1, a1, s2, a2, share):
-    s1, a1 = point(surface, s1, a1)
-    s2, a2 = point(surface, s2, a2)
-    a0 = a1 + share * float(surface.wrap(a2 - a1))  # between the two, the short way round
-    x1, y1 = surface.develop(s1, a1, a0)
-    x2, y2 = surface.develop(s2, a2, a0)
-    distance = surface.distance(s1, a1, s2, a2)
-    assert np.hypot(x1 - x2, y1 - y2) == pytest.approx(distance, abs=ROUNDING)
-
-
 def oracle_distance(surface, s1, a1, s2, a2):
     """Return the geodesic distance from the law of cosines about the apex, in 50 digits."""
     with mpmath.workdps(50):

@@ -1,13 +1,10 @@
 """What the EDS says of a board's converter: full scale by the width of the readings, steps by its bits."""
 
-import numpy as np
 import pytest
 
 from skinbus.errors import EdsError
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import find_eds, load_eds
-from skinbus.sim.sampler import Sampler
-from skinbus.sim.scene_file import load_scene
 
 EDS = {"skin-patch": "DefaultValue=16", "skin-patch-8bit": "DefaultValue=8"}
 
@@ -37,23 +34,6 @@ def test_count_means_the_same_pressure_whatever_the_bits_of_the_converter(
     transducer = describe_patch(load_eds(eds_with(tmp_path, name, bits), 1)).transducer
     assert transducer.pressure(count) == pytest.approx(pressure)
     assert transducer.top_counts == top
-
-
-def test_simulated_board_sends_what_its_converter_can(tmp_path):
-    eds_with(tmp_path, "skin-patch", 10)
-    (tmp_path / "arm.toml").write_text(
-        '[arm]\nname = "t"\n[[link]]\nname = "l"\nsurface = "plane"\nlength_mm = 60\nwidth_mm = 60\n'
-        '[[patch]]\nnode_id = 1\nlink = "l"\ns_mm = 30\na_mm = 0\neds = "skin-patch-10.eds"\n'
-    )
-    (tmp_path / "scene.toml").write_text(
-        '[scene]\ntitle = "t"\narm = "arm.toml"\nduration_s = 1.0\n'
-        '[[touch]]\nlink = "l"\ns_mm = 35.0\na_mm = 5.0\nforce_n = 150.0\nstart_s = 0.0\nend_s = 1.0\n'
-    )
-    sampler = Sampler(load_scene(tmp_path / "scene.toml"))
-    sampler.sample(0.5)
-    assert sampler.counts.max() == 0x7FC0, "pressed beyond full scale"
-    assert (sampler.counts % 64 == 0).all()
-    assert len(np.unique(sampler.counts)) > 2
 
 
 def test_readings_that_cannot_be_left_adjusted_are_refused(tmp_path):

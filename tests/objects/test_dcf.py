@@ -3,8 +3,6 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from skinbus.errors import EdsError
 from skinbus.node import Device
@@ -114,14 +112,6 @@ def test_simulated_patch_starts_as_delivered_and_with_the_serial_number_expected
     assert device.get(cia.IDENTITY, cia.IDENTITY_SERIAL) == 77
 
 
-def test_marks_tell_configurations_apart():
-    one, same = (configuration(load(**{"Touch Pa": 1500})) for _ in range(2))
-    other = configuration(load(**{"Touch Pa": 1501}))
-    assert one == same
-    assert (one.date, one.time) != (other.date, other.time)
-    assert one.date
-
-
 def test_marks_tell_what_an_arm_file_sets_on_top_of_a_file_with_marks_of_its_own(tmp_path):
     date, time = ((cia.VERIFY_CONFIGURATION, sub) for sub in (cia.VERIFY_DATE, cia.VERIFY_TIME))
     write_dcf("skin-patch", tmp_path / "own.dcf", {date: 15000, time: 42, (0x2030, 1): 1200})
@@ -212,26 +202,6 @@ def test_every_value_that_does_not_fit_is_said():
         "0x2999:00: is 1; wanted an object of the file",
         "0x1017:00: is 70000; wanted a value of type UNSIGNED16",
     ]
-
-
-WRITABLE = [
-    (v.index, v.subindex, v.data_type)
-    for o in load().indices.values()
-    if hasattr(o, "subindices") and o.index >= 0x2000
-    for v in o.subindices.values()
-    if v.access_type == "rw" and v.subindex
-]
-
-
-@pytest.mark.slow
-@settings(max_examples=50)
-@given(st.dictionaries(st.sampled_from(WRITABLE), st.integers(0, 1), max_size=10))
-def test_any_values_come_back_from_the_text(picked):
-    values = {(index, sub): number for (index, sub, _), number in picked.items()}
-    file = read_text(dcf_text(SOURCE, values), name="x.dcf")
-    assert {key: file.variable(*key).value.number for key in values} == values
-    again = dcf_text(dcf_text(SOURCE, values), values)
-    assert again == dcf_text(SOURCE, values)
 
 
 def test_synchronous_window_is_held_and_no_part_of_the_marks():

@@ -155,9 +155,3 @@ def test_latin_1_and_byte_order_marks_are_read(tmp_path):
         path = tmp_path / f"{encoding}.eds"
         path.write_bytes(section.encode(encoding))
         assert read_eds(path).objects[0x2000].name == "Größe"
-
-
-def test_parameter_value_wins_over_the_default():
-    text = "[2000]\nParameterName=X\nDataType=5\nAccessType=rw\nDefaultValue=1\nParameterValue=2\n"
-    variable = build_od(read_text(text, name="x.dcf"), 1)[0x2000]
-    assert (variable.default, variable.value, profile.current(variable)) == (1, 2, 2)

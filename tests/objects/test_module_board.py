@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from skinbus.errors import EdsError
 from skinbus.model import grid
 from skinbus.objects import cia
 from skinbus.objects.board import describe_patch
@@ -28,14 +27,6 @@ def dcf(tmp_path):
     path = tmp_path / "inputs.dcf"
     path.write_text(module_dcf(module_eds(), board()))
     return path
-
-
-def test_the_module_itself_has_no_fault_and_is_no_board(tmp_path):
-    path = tmp_path / "module.eds"
-    path.write_text(module_eds())
-    assert lint(read_eds(path)) == []
-    with pytest.raises(EdsError, match="Tactel count"):
-        describe_patch(load_eds(path, 1))
 
 
 def test_its_dcf_has_no_fault_and_describes_the_grid(dcf):

@@ -1,14 +1,10 @@
 """PDO maps: our files, and any mapping whatsoever against a reader of single bits."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from skinbus.objects import cia
-from skinbus.objects.eds import build_od, load_eds
-from skinbus.objects.eds_file import read_text
+from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import Direction, compile_pdo, rpdos, tpdos
-from tests.objects.inverse import join_mapping
 
 
 def test_patch_sends_sixteen_readings_in_four_tpdos():
@@ -22,25 +18,6 @@ def test_patch_sends_sixteen_readings_in_four_tpdos():
     assert {entry.index for entry in entries} == {cia.READ_ANALOGUE_16}
     assert [entry.offset for entry in maps[2].entries] == [0, 16, 32, 48]
     assert all(entry.signed and entry.bits == 16 for entry in entries)
-
-
-@pytest.mark.parametrize(("eds", "n", "length"), [("skin-patch-fd", 16, 48), ("skin-patch-fd32", 31, 64)])
-def test_patch_for_can_fd_sends_readings_with_their_stamp_in_one_frame(eds, n, length):
-    pdo, *others = tpdos(load_eds(eds, 5))
-    assert (pdo.cob_id, pdo.length) == (0x185, length)
-    assert [(entry.index, entry.sub) for entry in pdo.entries] == [
-        *((0x6401, k) for k in range(1, n + 1)),
-        (0x2070, 1),
-        (0x2070, 2),
-    ]
-    assert [entry.offset for entry in pdo.entries] == [*range(0, 16 * n, 16), 16 * n, 16 * n + 8]
-    for other in others:  # what the longest frame has no room for, with a stamp of its own
-        assert [(entry.index, entry.sub) for entry in other.entries] == [
-            (0x6401, 32),
-            (0x2070, 1),
-            (0x2070, 2),
-        ]
-        assert (other.cob_id, other.length) == (0x285, 4)
 
 
 def test_command_rpdo_is_off_as_delivered():
@@ -75,44 +52,4 @@ def test_values_of_the_running_device_win_over_the_file():
     assert pdo.entries[0].sub == 2
 
 
-def test_missing_pdo_is_a_key_error():
-    with pytest.raises(KeyError):
-        compile_pdo(load_eds("skin-patch", 5), Direction.TPDO, 5)
-
-
 # objects of every length that can be mapped, and dummies of the same lengths
-LENGTHS = {2: 8, 3: 16, 4: 32, 5: 8, 6: 16, 7: 32, 0x10: 24, 0x15: 64, 0x1B: 64, 1: 1}
-
-
-FRAME_LENGTHS = [*range(9), 12, 16, 20, 24, 32, 48, 64]
-
-
-def device(entries):
-    """Return an EDS text with one TPDO that maps the given (data type, dummy) pairs."""
-    text = ["[DummyUsage]", *(f"Dummy{t:04X}=1" for t in range(1, 8))]
-    words = []
-    for k, (data_type, dummy) in enumerate(entries, 1):
-        words.append(join_mapping(data_type if dummy else 0x2000 + k, 0, LENGTHS[data_type]))
-        text += [f"[{0x2000 + k:04X}]", f"ParameterName=O{k}", f"DataType={data_type}"]
-        text += ["AccessType=ro", "PDOMapping=1"]
-    text += ["[1800]", "ParameterName=C", "ObjectType=9", "[1800sub1]", "ParameterName=I"]
-    text += ["DataType=7", "AccessType=rw", "DefaultValue=0x181"]
-    text += ["[1A00]", "ParameterName=M", "ObjectType=9", "[1A00sub0]", "ParameterName=N"]
-    text += ["DataType=5", "AccessType=rw", f"DefaultValue={len(words)}"]
-    for k, word in enumerate(words, 1):
-        text += [f"[1A00sub{k:X}]", f"ParameterName=E{k}", "DataType=7", "AccessType=rw"]
-        text += [f"DefaultValue=0x{word:08X}"]
-    return build_od(read_text("\n".join(text), name="x.eds"), 1)
-
-
-@given(st.lists(st.tuples(st.sampled_from(sorted(LENGTHS)), st.booleans()), max_size=8))
-def test_any_mapping_lies_end_to_end(pairs):
-    pairs = [(t, dummy and t < 8) for t, dummy in pairs]
-    (pdo,) = tpdos(device(pairs))
-    offset = 0
-    for (data_type, dummy), entry in zip(pairs, pdo.entries, strict=True):
-        assert (entry.offset, entry.bits) == (offset, LENGTHS[data_type])
-        assert entry.is_dummy == dummy
-        assert entry.signed == (data_type in (2, 3, 4, 0x10, 0x15))
-        offset += entry.bits
-    assert pdo.length == min(n for n in FRAME_LENGTHS if 8 * n >= offset)

@@ -39,20 +39,6 @@ def test_every_name_is_in_the_files_of_all_patches_or_of_the_master():
         assert in_file[-1] or all(in_file[:-1]) or name in optional, name
 
 
-@pytest.mark.parametrize("number", range(1, profile.MAX_CONTACTS + 1))
-def test_every_contact_record_has_its_members_in_order(number):
-    od = load_eds("skin-master", 127)
-    names = [v.name for v in profile.look_up_array(od, profile.contact(number))]
-    first = [v.name for v in profile.look_up_array(od, profile.contact(1))]
-    assert names == first
-    assert tuple(names[:5]) == profile.CONTACT_MEMBERS
-
-
-def test_missing_name_is_said():
-    with pytest.raises(KeyError, match="Cycle/Nothing"):
-        profile.look_up(load_eds("skin-master", 127), profile.Name("Cycle", "Nothing"))
-
-
 def test_an_abort_code_says_what_it_means():
     assert cia.describe_abort(0x06090011) == "0x06090011 (Subindex does not exist)"
     assert "unknown" in cia.describe_abort(0x12345678)

@@ -54,17 +54,6 @@ def test_table_unpacks(eds, node_ids, tactel, value, cob_id, data):
     assert bin(seen[tactel // 16]).count("1") == 1
 
 
-def test_missing_frame_leaves_its_readings_and_its_bit():
-    plan = expected_node("skin-patch")
-    batch = FrameBatch(4)
-    pack(plan, np.ones(16, np.int32), batch)
-    frames = list(batch)
-    got, seen = np.full(16, -7, np.int32), np.zeros(1, np.int32)
-    plan.unpack(batch_of(*frames[:2], frames[3]), got, seen)
-    assert seen[0] == 0b1011
-    np.testing.assert_array_equal(got, [1] * 8 + [-7] * 4 + [1] * 4)
-
-
 BAD = [
     (Frame(0x181, bytes(7)), "bad_length"),
     (Frame(0x181, b""), "bad_length"),

@@ -133,19 +133,6 @@ def test_wrong_settings_are_faults_of_the_arm_file(tmp_path):
     ]
 
 
-def test_wrong_type_of_a_setting_is_said_once(tmp_path):
-    path = tmp_path / "arm.toml"
-    path.write_text(ARM.replace('"Touch Pa" = 1500', '"Touch Pa" = {a = 1}'))
-    with pytest.raises(ConfigError) as caught:
-        load_arm(path)
-    assert len(caught.value.faults) == 1
-    said = str(caught.value.faults[0])
-    assert (
-        said
-        == "patch[1].set.Touch Pa: is {'a': 1}; wanted a number, a text, true or false, or a list of them"
-    )
-
-
 def test_release_above_touch_is_refused():
     with pytest.raises(EdsError, match=r"Thresholds/Release Pa: is 2000.0; wanted at most 1000"):
         describe_patch(load(**{"Release Pa": 2000}))

@@ -17,25 +17,15 @@ def ellipsoid(axes, edge):
     return points * np.asarray(axes), triangles
 
 
-def wrapped(n, m, is_closed):
-    """The triangles of a grid of n by m places, closed around the second and, if said, the first."""
-    rows = np.arange(n if is_closed else n - 1)
-    i, j = (x.ravel() for x in np.meshgrid(rows, np.arange(m), indexing="ij"))
+def wrapped(n, m):
+    """The triangles of a grid of n by m places, closed around the second."""
+    i, j = (x.ravel() for x in np.meshgrid(np.arange(n - 1), np.arange(m), indexing="ij"))
 
     def at(i, j):
-        return (i % n) * m + j % m
+        return i * m + j % m
 
     a, b, c, d = at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)
     return np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)])
-
-
-def torus(major, minor, edge):
-    """A torus about z."""
-    n, m = (int(np.ceil(2.0 * np.pi * r / edge)) for r in (major + minor, minor))
-    u, v = np.meshgrid(np.arange(n) * 2 * np.pi / n, np.arange(m) * 2 * np.pi / m, indexing="ij")
-    r = major + minor * np.cos(v)
-    points = np.stack([r * np.cos(u), r * np.sin(u), minor * np.sin(v)], -1).reshape(-1, 3)
-    return points, wrapped(n, m, True)
 
 
 def tube(radius, length, edge):
@@ -43,4 +33,4 @@ def tube(radius, length, edge):
     n, m = int(np.ceil(length / edge)) + 1, int(np.ceil(2.0 * np.pi * radius / edge))
     x, angle = np.meshgrid(np.linspace(0.0, length, n), np.arange(m) * 2 * np.pi / m, indexing="ij")
     points = np.stack([x, radius * np.sin(angle), radius * np.cos(angle)], -1).reshape(-1, 3)
-    return points, wrapped(n, m, False)
+    return points, wrapped(n, m)

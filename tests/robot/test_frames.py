@@ -151,12 +151,3 @@ def test_without_joint_positions_only_the_link_frame_is_valid():
     for array in (without.point[:, 1:], without.normal[:, 1:], without.torques, without.base_wrench):
         assert np.isnan(array).all()
     np.testing.assert_allclose(without.link_wrench, placed.link_wrench, atol=1e-9)
-
-
-def test_wrong_positions_are_refused():
-    frames = RobotFrames(ur10e(np.random.default_rng(8), tool="tool0"))
-    contacts = columns_on(frames.arm, np.random.default_rng(8))
-    with pytest.raises(ValueError, match=r"wanted \(6,\)"):
-        frames.place(contacts, np.zeros(5))
-    with pytest.raises(ValueError, match="finite"):
-        frames.place(contacts, np.full(6, np.nan))

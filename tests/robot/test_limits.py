@@ -10,21 +10,13 @@ from skinbus.config.system import load_arm
 from skinbus.errors import ArgumentError, ConfigError, SkinbusError
 from skinbus.master.robot import MasterRobot
 from skinbus.robot.chain import SLACK_RAD, check_positions, check_robot
-from tests.robot.two_joints import ARM, FIXED, URDF, write
+from tests.robot.two_joints import ARM, URDF, write
 
 HEAD = ARM[: ARM.index("[[joint]]")]
 
 
 def robot(folder, joints):
     return MasterRobot(load_arm(str(write(folder, HEAD + joints) / "arm.toml")))
-
-
-def test_a_fixed_position_beyond_its_limits_is_a_fault_of_the_arm_file(tmp_path):
-    robot(tmp_path, FIXED)  # within 3 rad
-    with pytest.raises(ConfigError) as refused:
-        robot(tmp_path, FIXED.replace("= 10", "= 200").replace("= 30", "= -177"))
-    (fault,) = refused.value.faults  # 177 degrees are 3.089 rad: within the slack
-    assert str(fault) == "joint[1].fixed_deg: is 200.0; wanted -171.887 to 171.887, as in the URDF"
 
 
 def test_a_joint_that_the_urdf_does_not_have_is_a_fault_of_the_arm_file(tmp_path):
@@ -43,12 +35,6 @@ def test_positions_from_a_program_are_within_the_limits_but_for_the_slack(tmp_pa
     prismatic = chain._replace(linear=~chain.linear, kinds=("prismatic", "prismatic"))
     with pytest.raises(ArgumentError, match=r"'first' at 250 m; wanted -3 to 3 m.*metres, not mm"):
         check_positions(prismatic, [(0, 250.0)])
-
-
-def test_a_joint_without_limits_takes_any_position(tmp_path):
-    chain = robot(tmp_path, "").frames.chain
-    check_positions(chain._replace(kinds=("continuous", "continuous")), [(0, 90.0)])
-    check_positions(chain._replace(lower=0.0 * chain.lower, upper=0.0 * chain.upper), [(0, 90.0)])
 
 
 @pytest.mark.parametrize(

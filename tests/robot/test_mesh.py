@@ -1,12 +1,10 @@
 """Meshes from files: what is mended is said, what cannot be used is refused with every fault."""
 
-import os
-
 import numpy as np
 import pytest
 
 from skinbus.errors import ConfigError
-from skinbus.robot.mesh import MOST_BYTES, MOST_TRIANGLES, load_mesh, mend
+from skinbus.robot.mesh import MOST_TRIANGLES, load_mesh, mend
 from tests.robot.meshes import sphere, tube
 
 trimesh = pytest.importorskip("trimesh", reason="extra skinbus[mesh]")
@@ -32,14 +30,6 @@ def test_a_mesh_is_read_from_each_format(tmp_path, kind):
     assert mesh.messages == ((joined,) if kind == "stl" else ())
 
 
-def test_a_good_mesh_stays_as_it_is():
-    points, triangles = sphere(0.08, 3)
-    mesh = mend(points, triangles)
-    assert mesh.messages == ()
-    np.testing.assert_array_equal(mesh.points, points)
-    np.testing.assert_array_equal(mesh.triangles, triangles)
-
-
 def test_an_inverted_surface_is_turned_and_rims_are_reported():
     points, triangles = sphere(0.08, 2)
     inverted = mend(points, triangles[:, ::-1])
@@ -48,14 +38,6 @@ def test_an_inverted_surface_is_turned_and_rims_are_reported():
     assert ((middle * inverted.normals()).sum(axis=1) > 0.0).all()
     open_tube = mend(*tube(0.05, 0.2, 0.005))
     assert open_tube.messages == ("an open rim of 314 mm",) * 2
-
-
-def test_triangles_without_area_and_doubled_ones_are_left_out():
-    points, triangles = sphere(0.08, 2)
-    more = np.concatenate([triangles, [[0, 0, 1], [3, 7, 3]], triangles[4:6], triangles[9:10, [1, 2, 0]]])
-    mesh = mend(points, more)
-    assert mesh.messages == ("5 triangles without area or doubled were left out",)
-    assert len(mesh.triangles) == 320
 
 
 def test_ill_meshes_are_refused():
@@ -88,17 +70,3 @@ def test_files_that_are_no_mesh_are_refused(tmp_path):
             load_mesh(tmp_path / name)
     with pytest.raises(ConfigError, match="can be read"):
         load_mesh(tmp_path / "none.stl")
-
-
-def test_what_is_no_regular_file_is_refused_and_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "pipe.stl")
-    (tmp_path / "folder.obj").mkdir()
-    with open(tmp_path / "large.ply", "wb") as file:
-        file.truncate(MOST_BYTES + 1)
-    for name, why in (
-        ("pipe.stl", "a regular file"),
-        ("folder.obj", "can be read"),
-        ("large.ply", "at most"),
-    ):
-        with pytest.raises(ConfigError, match=why):
-            load_mesh(tmp_path / name)

@@ -7,8 +7,8 @@ from skinbus.errors import ConfigError
 from skinbus.estimate import Estimator
 from skinbus.model import Cone, Patch, PlacedPatch, Radial, grid
 from skinbus.robot.flattening import flatten
-from skinbus.robot.mesh import Mesh, mend, refine
-from skinbus.robot.mesh_link import EDGE, Geodesics, Laid, lay
+from skinbus.robot.mesh import Mesh, mend
+from skinbus.robot.mesh_link import Laid, lay
 from tests.robot.geodesics import SURFACES, shoot
 from tests.robot.mesh_arms import mesh_arm, tube_arms
 from tests.robot.meshes import sphere, tube
@@ -37,42 +37,6 @@ def test_boards_around_a_tube_have_the_distances_and_places_that_they_have_on_th
     true_point, true_normal = cylinder.position(flat.tactel_s, flat.tactel_a)
     assert np.linalg.norm(point - true_point, axis=1).max() < 0.05e-3
     assert np.abs(normal - true_normal).max() < 1e-3
-
-
-def test_places_of_a_surface_are_found_again_from_their_points(arms):
-    surface = arms[1].links[0].surface
-    rng = np.random.default_rng(7)
-    s = rng.uniform(0.01, surface.length - 0.01, 200)
-    a = rng.uniform(-0.5, 0.5, 200) * surface.period
-    point, normal = surface.position(s, a)
-    found_s, found_a, height = surface.project(point + 1e-3 * normal)
-    assert np.abs(found_s - s).max() < 0.05e-3
-    assert np.abs(surface.wrap(found_a - a)).max() < 0.05e-3
-    assert height == pytest.approx(1e-3, abs=1e-5)
-
-
-@pytest.mark.slow
-def test_a_cone_is_closed_by_a_chart_whose_scale_follows_its_radius():
-    near, far, length = 0.06, 0.045, 0.2
-    points, triangles = tube(1.0, length, 3e-3)
-    # ``tube`` has so many corners for a radius of 1 m
-    points, triangles = tube(0.05, length, 3e-3)
-    scale = (near + (far - near) * points[:, 0] / length) / 0.05
-    points[:, 1:] *= scale[:, None]
-    laid = []
-    for x in (0.05, 0.15):
-        for k in range(5):
-            angle, r = 2.0 * np.pi * k / 5, near + (far - near) * x / length
-            place = np.array([x, r * np.sin(angle), r * np.cos(angle)])
-            laid.append(Laid(key=f"patch[{len(laid) + 1}]", uv=UV, point=place, along=np.array([1.0, 0, 0])))
-    surface, rows = lay(mend(points, triangles), laid, "cone")
-    assert surface.period > 0.0
-    # all boards of a ring are alike, and the chart is as much wider as its circumference is smaller
-    scales = np.array([row.tactels[:, 2].mean() for row in rows]).reshape(2, 5)
-    assert np.ptp(scales, axis=1).max() < 2e-3
-    assert scales[1].mean() / scales[0].mean() == pytest.approx(
-        (near + (far - near) * 0.25) / (near + (far - near) * 0.75), rel=3e-3
-    )
 
 
 def boards_around(mesh, direction):
@@ -123,27 +87,6 @@ def test_distances_of_tactels_on_what_is_curved_in_two_directions_are_those_of_g
     assert any("curved in two directions" in message for message in surface.messages)
 
 
-@pytest.mark.parametrize("name", SURFACES)
-def test_lines_on_a_mesh_are_within_a_percent_of_geodesics_to_40_mm_and_a_tenth_of_a_millimetre_to_20(name):
-    (points, triangles), slope = SURFACES[name]
-    geodesics, rng = Geodesics(Mesh(points, triangles)), np.random.default_rng(31)
-    for triangle in rng.choice(len(triangles), 3, replace=False):
-        start = points[triangles[triangle]].mean(axis=0)
-        axes = geodesics.axes(triangle)
-        for angle in rng.uniform(0.0, 2.0 * np.pi, 8):
-            way = np.array([np.cos(angle), np.sin(angle)]) @ axes
-            places = geodesics.shoot(triangle, np.full(3, 1.0 / 3.0), way[None], LENGTHS)[0]
-            normal = slope(start)[0] / np.linalg.norm(slope(start)[0])
-            way -= (way @ normal) * normal
-            way /= np.linalg.norm(way)
-            for length, place in zip(LENGTHS, places, strict=True):
-                off = np.linalg.norm(place - shoot(slope, start, way, length))
-                assert off < (2e-4 if length <= 0.02 else 0.01 * length)
-
-
-LENGTHS = np.array([0.005, 0.01, 0.02, 0.03, 0.04])
-
-
 def test_contacts_on_a_ball_are_where_they_are_within_what_they_say_of_themselves():
     radius, rng = 0.08, np.random.default_rng(2208)
     r = np.arange(0.0, 0.0301, 0.0005)
@@ -171,39 +114,6 @@ def test_contacts_on_a_ball_are_where_they_are_within_what_they_say_of_themselve
     # 1 is what the deviations say; with distances of first order it was 95
     print(f"mean square over variance {np.mean(share):.2f}")
     assert np.mean(share) < 2.0
-
-
-def test_long_edges_are_divided_and_nothing_moves():
-    points, triangles = tube(0.05, 0.2, 0.05)
-    coarse = mend(points, triangles)
-    fine = refine(coarse, EDGE)
-    corners = fine.points[fine.triangles]
-    assert np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max() <= EDGE
-    area = [
-        0.5 * np.linalg.norm(np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]), axis=1).sum()
-        for c in (corners, coarse.points[coarse.triangles])
-    ]
-    assert area[0] == pytest.approx(area[1], rel=1e-9)
-    again = mend(fine.points, fine.triangles)
-    assert again.messages == coarse.messages  # as many rims as before, and no cracks
-
-
-@pytest.mark.slow
-def test_a_hole_beside_boards_changes_nothing():
-    points, triangles = tube(RADIUS, 0.2, 4e-3)
-    hole = np.linalg.norm(points[triangles].mean(axis=1) - [0.1, RADIUS, 0.0], axis=1) < 0.012
-    along = np.array([1.0, 0.0, 0.0])
-    laid = [
-        Laid(key=f"patch[{k}]", uv=UV, point=np.array([0.1, 0.0, sign * RADIUS]), along=along)
-        for k, sign in enumerate((1.0, -1.0))
-    ]
-    whole, cut = (lay(mend(points, part), laid, "tube") for part in (triangles, triangles[~hole]))
-    assert cut[0].period == pytest.approx(whole[0].period, rel=1e-3)
-    for one, other in zip(whole[1], cut[1], strict=True):
-        assert other.tactels[:, 2] == pytest.approx(1.0, abs=1e-3)
-        assert (
-            np.abs(np.ptp(other.tactels[:, :2], axis=0) - np.ptp(one.tactels[:, :2], axis=0)).max() < 0.05e-3
-        )
 
 
 def test_a_part_that_is_no_disc_or_ring_is_refused():

@@ -101,14 +101,6 @@ def test_positions_that_came_after_a_sync_do_not_hide_those_before_it():
     assert joints.at(-1) is None
 
 
-def test_an_earlier_time_takes_the_place_of_all_later_ones():
-    joints = positions(("revolute",))
-    joints.set(1 << 60, [9.0])  # of another clock
-    for ms in (0, 20, 40):
-        joints.set(ms * MS, [0.5])
-    assert joints.at(45 * MS)[0][0] == 0.5
-
-
 def test_a_fixed_joint_is_always_known():
     joints = positions(("revolute", "prismatic"), JointSettings(name="j0", fixed=0.7, sd=0.01))
     assert joints.from_python == ("j1",)
