@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -66,26 +66,6 @@ def attach(name: str, *, arm: str | Path | Arm | None = None, timeout_s: float =
                 return Skin(feed)
             feed.close()
         time.sleep(ATTACH_PAUSE_S)
-
-
-def unpacked(slot: np.void, layout: SkinLayout, now_ns: Callable[[], int], robot: RobotHere) -> Cycle:
-    """Return the cycle in a slot; pressures were rounded to float32."""
-    records = slot["contacts"][: slot["n_contacts"]]
-    level, budget_us, t_ns = int(slot["level"]), float(slot["budget_us"]), int(slot["t_ns"])
-    readings = Readings(slot["pressures"].astype(np.float64), slot["valid"], slot["faults"])
-    return Cycle(
-        int(slot["number"]),
-        t_ns,
-        int(slot["counter"]),
-        LEVELS[level] if level < len(LEVELS) else None,
-        CycleFlags(int(slot["flags"])),
-        1e-9 * int(slot["latency_ns"]),
-        Context(layout, now_ns, lambda: robot.place(t_ns, records, not readings.valid.any())),
-        records,
-        slot["patches"],
-        readings,
-        budget_us=None if math.isnan(budget_us) else budget_us,
-    )
 
 
 class _SharedFeed(Feed):
@@ -149,7 +129,24 @@ class _SharedFeed(Feed):
             self._reader.close()
 
     def _cycle(self, slot: np.void) -> Cycle:
-        return unpacked(slot, self.layout, self._clock.now_ns, self._robot)
+        """Return the cycle in a slot; pressures were rounded to float32."""
+        records = slot["contacts"][: slot["n_contacts"]]
+        level, budget_us, t_ns = int(slot["level"]), float(slot["budget_us"]), int(slot["t_ns"])
+        readings = Readings(slot["pressures"].astype(np.float64), slot["valid"], slot["faults"])
+        place = partial(self._robot.place, t_ns, records, not readings.valid.any())
+        return Cycle(
+            int(slot["number"]),
+            t_ns,
+            int(slot["counter"]),
+            LEVELS[level] if level < len(LEVELS) else None,
+            CycleFlags(int(slot["flags"])),
+            1e-9 * int(slot["latency_ns"]),
+            Context(self.layout, self._clock.now_ns, place),
+            records,
+            slot["patches"],
+            readings,
+            budget_us=None if math.isnan(budget_us) else budget_us,
+        )
 
 
 def _on_arm(written: SkinLayout, arm: Arm) -> SkinLayout:

@@ -9,6 +9,7 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -96,16 +97,14 @@ def refuse_other_master(bus: Bus, place: BusAddress, patience_s: float) -> None:
     other_master.refuse(str(place))
 
 
+@cache
+def _say_why() -> None:
+    LOG.warning("compiling the kernels: a minute or so, once; `skinbus doctor warm` does it ahead")
+
+
 def saying_why() -> AbstractContextManager[None]:
-    """Return a block in which a log says why the first start takes long, if kernels have to be compiled."""
-    said: list[int] = []
-
-    def say() -> None:
-        if not said:
-            LOG.warning("compiling the kernels: a minute or so, once; `skinbus doctor warm` does it ahead")
-            said.append(1)
-
-    return on_compile(say)
+    """Return a block in which a log says once why the first start takes long, if kernels are compiled."""
+    return on_compile(_say_why)
 
 
 class _MasterFeed(Feed):
