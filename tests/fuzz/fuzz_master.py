@@ -6,12 +6,9 @@ The bytes are biased to what the master takes for the answers, heartbeats and re
 
 from __future__ import annotations
 
-import argparse
-import gc
 import random
 import struct
-import time
-import tracemalloc
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,11 +20,10 @@ from skinbus.master.patches.provisioning import expected_nodes
 from skinbus.master.patches.table import TRANSITIONS, PatchState
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
+from tests.fuzz.feeding import asked_for, feed
 
-CHUNK = 20_000
 STEPS_NS = (100_000, 100_000, 100_000, 2_000_000, 400_000_000)
 """Times between two frames; the last one lets every time-out run out."""
-MAX_OUT = 4096
 MAX_GROWTH = 1_000_000
 """Bytes that the master may come to hold while it is fed."""
 ARM = "pad"
@@ -40,12 +36,8 @@ TRUE_ANSWERS = {cia.DEVICE_TYPE: 0x00040191, cia.VERIFY_CONFIGURATION: 0}
 class Report:
     """What a run has seen."""
 
-    n_frames: int
     n_sent: int
-    n_transitions: int
     kinds: frozenset[tuple[PatchState, PatchState]]
-    grown_bytes: int
-    us_per_frame: float
 
 
 class Feeder:
@@ -100,7 +92,7 @@ class Feeder:
         value = self.identity.get(sub, 0) if index == cia.IDENTITY else self.true_answers.get(index, 0)
         return b"\x43" + request[1:4] + value.to_bytes(4, "little")
 
-    def hear(self, out: list[Frame]) -> None:
+    def hear(self, out: Iterable[Frame]) -> None:
         """Remember what was asked."""
         for frame in out:
             if cia.SDO_CLIENT_BASE < frame.can_id < cia.SDO_CLIENT_BASE + 0x80 and len(frame.data) == 8:
@@ -110,55 +102,35 @@ class Feeder:
 def fuzz(n_frames: int, seed: int) -> Report:
     """Feed the master; AssertionError says what broke, after how many frames."""
     master = Master(load_arm(ARM))
-    kinds: dict[tuple[PatchState, PatchState], int] = {}
+    kinds: set[tuple[PatchState, PatchState]] = set()
     table = master.branches[0].table
 
     def enter(p: int, state: PatchState) -> None:
         change = (PatchState(table.state[p]), state)
         if change[0] is not state:
             assert change in TRANSITIONS, f"{change[0].name} -> {state.name}"
-            kinds[change] = kinds.get(change, 0) + 1
+            kinds.add(change)
         table.state[p] = state
 
     table.enter = enter  # type: ignore[method-assign]
     feeder = Feeder(master, seed)
-    now_ns = fed = sent = base = grown = 0
-    busy = 0.0
-    tracemalloc.start(1)
-    try:
-        while fed < n_frames:
-            n = min(CHUNK, n_frames - fed)
-            data = feeder.bytes.bytes(8 * n)
-            clock = time.perf_counter()
-            for i in range(n):
-                frame = feeder.frame(data[8 * i : 8 * i + 8])
-                now_ns += feeder.rng.choices(STEPS_NS, (40, 40, 40, 20, 0.1))[0]
-                out, events, wake_ns = master.step(now_ns, (frame,))
-                sent += len(out)
-                feeder.hear(list(out))
-                assert len(out) <= MAX_OUT
-                assert len(events) <= MAX_OUT
-                assert wake_ns >= 0
-                for answer in out:
-                    assert 0 <= answer.can_id < 0x800
-                    assert len(answer.data) <= 8
-            busy += time.perf_counter() - clock
-            fed += n
-            assert set(table.state.tolist()) <= set(PatchState)
-            assert np.isfinite(master.cycle.pressures).all()
-            del data, out, events
-            gc.collect()
-            held = tracemalloc.get_traced_memory()[0]
-            base = base or held
-            grown = held - base
-            assert grown < MAX_GROWTH, f"{grown} bytes more than at the start, after {fed} frames"
-    except Exception as error:
-        error.add_note(f"seed {seed}, within {CHUNK} frames after {fed}")
-        raise
-    finally:
-        tracemalloc.stop()
+
+    def frames(n: int) -> Iterator[tuple[int, Frame]]:
+        data = feeder.bytes.bytes(8 * n)
+        for i in range(n):
+            frame = feeder.frame(data[8 * i : 8 * i + 8])
+            yield feeder.rng.choices(STEPS_NS, (40, 40, 40, 20, 0.1))[0], frame
+
+    def after_chunk() -> None:
+        assert set(table.state.tolist()) <= set(PatchState)
+        assert np.isfinite(master.cycle.pressures).all()
+
+    print("master seed", seed)
+    sent, now_ns = feed(
+        master, n_frames, frames, after_chunk, least_id=0, max_growth=MAX_GROWTH, hear=feeder.hear
+    )
     _still_works(master, now_ns)
-    return Report(fed, sent, sum(kinds.values()), frozenset(kinds), grown, 1e6 * busy / fed)
+    return Report(sent, frozenset(kinds))
 
 
 def _still_works(master: Master, now_ns: int) -> None:
@@ -183,14 +155,5 @@ def _still_works(master: Master, now_ns: int) -> None:
     assert start in sent
 
 
-def main() -> None:
-    """Run as a script."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--frames", type=int, default=10_000_000)
-    parser.add_argument("--seed", type=int, default=1)
-    arguments = parser.parse_args()
-    print("master seed", arguments.seed, fuzz(arguments.frames, arguments.seed), flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    print(fuzz(*asked_for(__doc__)), flush=True)

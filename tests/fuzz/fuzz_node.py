@@ -6,17 +6,13 @@ Identifiers are biased to those the device listens to, bytes to those that mean 
 
 from __future__ import annotations
 
-import argparse
-import gc
 import random
-import time
-import tracemalloc
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.node import Device
 from skinbus.node.lss import LSS_MASTER_ID
@@ -24,15 +20,12 @@ from skinbus.node.nmt import TRANSITIONS
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects.cia import NmtCommand, NmtState
 from skinbus.objects.eds import load_eds
+from tests.fuzz.feeding import CHUNK, asked_for, feed
 
 DEVICES = {"patch": ("skin-patch", 5), "master": ("skin-master", 127)}
 SHORT_NS = 100_000
 LONG_NS = 300_000_000
 """Time between two frames; now and then long enough for every timer to run out."""
-CHUNK = 20_000
-"""Frames made at once; making them one by one would cost more than the device does."""
-MAX_OUT = 4096
-"""Frames a device may send in answer to one frame and the time before it."""
 MAX_GROWTH = 400_000
 """Bytes that a device may come to hold while it is fed: domains and queues have bounds."""
 
@@ -45,12 +38,9 @@ FOLLOWS |= {(NmtState.INITIALISING, NmtState.PRE_OPERATIONAL)}
 class Report:
     """What a run has seen."""
 
-    n_frames: int
     n_sent: int
     n_dropped: int
     n_resets: int
-    grown_bytes: int
-    us_per_frame: float
 
 
 def places(device: Device) -> list[bytes]:
@@ -179,47 +169,26 @@ def fuzz(which: str, n_frames: int, seed: int) -> Report:
 
     device.on_nmt = enter
     feeder = Feeder(device, seed)
-    now_ns = fed = sent = 0
-    base = grown = 0
-    clock = time.perf_counter()
-    busy = 0.0
-    tracemalloc.start(1)
-    try:
-        while fed < n_frames:
-            frames = feeder.chunk()[: n_frames - fed]
-            clock = time.perf_counter()
-            for frame in frames:
-                now_ns += LONG_NS if frame.can_id & 0xFF == 0x42 else SHORT_NS
-                out, events, wake_ns = device.step(now_ns, (frame,))
-                sent += len(out)
-                assert len(out) <= MAX_OUT
-                assert len(events) <= MAX_OUT
-                assert wake_ns == NEVER or wake_ns >= 0
-                for answer in out:
-                    assert 0 < answer.can_id < 0x800
-                    assert len(answer.data) <= 8
-                    assert type(answer.data) is bytes
-            busy += time.perf_counter() - clock
-            fed += len(frames)
-            assert device.nmt_state in NmtState
-            assert readings.tobytes() == before_readings, "a reading has changed"
-            assert device.get(0x1003, 0) <= 8
-            device.transmit_tpdo(1)
-            device.emcy(0x5000, data=bytes((fed & 3,)))
-            device.emcy_clear(0x5000)
-            del frames
-            gc.collect()
-            held = tracemalloc.get_traced_memory()[0]
-            base = base or held
-            grown = held - base
-            assert grown < MAX_GROWTH, f"{grown} bytes more than at the start, after {fed} frames"
-    except Exception as error:
-        error.add_note(f"{which}, seed {seed}, within {CHUNK} frames after {fed}")
-        raise
-    finally:
-        tracemalloc.stop()
+    n_chunks = 0
+
+    def frames(n: int) -> Iterator[tuple[int, Frame]]:
+        for frame in feeder.chunk()[:n]:
+            yield LONG_NS if frame.can_id & 0xFF == 0x42 else SHORT_NS, frame
+
+    def after_chunk() -> None:
+        nonlocal n_chunks
+        n_chunks += 1
+        assert device.nmt_state in NmtState
+        assert readings.tobytes() == before_readings, "a reading has changed"
+        assert device.get(0x1003, 0) <= 8
+        device.transmit_tpdo(1)
+        device.emcy(0x5000, data=bytes((n_chunks & 3,)))
+        device.emcy_clear(0x5000)
+
+    print(which, "seed", seed)
+    sent, now_ns = feed(device, n_frames, frames, after_chunk, least_id=1, max_growth=MAX_GROWTH)
     _still_works(device, now_ns)
-    return Report(fed, sent, device.dropped, resets, grown, 1e6 * busy / fed)
+    return Report(sent, device.dropped, resets)
 
 
 def _still_works(device: Device, now_ns: int) -> None:
@@ -234,15 +203,7 @@ def _still_works(device: Device, now_ns: int) -> None:
     assert out[-1].data[:4] == bytes.fromhex("4F011000")
 
 
-def main() -> None:
-    """Run as a script."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--frames", type=int, default=10_000_000, help="in total, half for each device")
-    parser.add_argument("--seed", type=int, default=1)
-    arguments = parser.parse_args()
-    for which in DEVICES:
-        print(which, "seed", arguments.seed, fuzz(which, arguments.frames // 2, arguments.seed), flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    n_frames, seed = asked_for(__doc__)
+    for which in DEVICES:
+        print(fuzz(which, n_frames // 2, seed), flush=True)

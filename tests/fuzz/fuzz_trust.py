@@ -303,20 +303,8 @@ class Episode:
             may_be_nothing = contacts.quality[c] & Quality.RECOVERING and contacts.force[c] <= N_SD * sd
             if not (may_be_nothing or self._is_true(contacts, c, now, before)):
                 self.n[f"far of {who}"] += 1
-                kind_ns, kind = self.boards.kind_of(t_ns, p + 1)
-                since = (t_ns - kind_ns) / MS if kind else 0.0
-                away = " ".join(f"{z:.1f}" for z in self._away(contacts, c, now))
-                quality = str(Quality(int(contacts.quality[c])))
-                self.violations.append((t_ns / MS, p, kind or "none", since, quality, away))
-
-    @staticmethod
-    def _away(contacts, c, now):
-        """Return s, a (mm) and force (N) of a contact less those of the nearest touch, and the sd of each."""
-        k = np.argmin(np.hypot(contacts.s[c] - now.s, contacts.a[c] - now.a)) if len(now.s) else None
-        truth = np.zeros(3) if k is None else np.array([now.s[k], now.a[k], now.force[k]])
-        units = np.array([1e3, 1e3, 1.0])
-        found = np.array([contacts.s[c], contacts.a[c], contacts.force[c]])
-        return [*(units * (found - truth)), *(units * np.sqrt(np.diag(contacts.covariance[c])[:3]))]
+                _, kind = self.boards.kind_of(t_ns, p + 1)
+                self.violations.append((t_ns / MS, p, kind, Quality(int(contacts.quality[c]))))
 
     @staticmethod
     def _is_true(contacts, c, now, before):

@@ -1,0 +1,80 @@
+"""Frames fed to a core one by one, for as long as its answers are frames and its memory stays as it is."""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import tracemalloc
+from collections.abc import Callable, Iterable
+
+from skinbus.can.core import Core
+from skinbus.can.frame import Frame
+
+CHUNK = 20_000
+"""Frames between two looks at state and memory."""
+MAX_OUT = 4096
+"""Frames that may be sent in answer to one frame and the time before it."""
+
+
+def feed(
+    core: Core,
+    n_frames: int,
+    frames: Callable[[int], Iterable[tuple[int, Frame]]],
+    after_chunk: Callable[[], None],
+    *,
+    least_id: int,
+    max_growth: int,
+    hear: Callable[[Iterable[Frame]], object] = lambda out: None,
+) -> tuple[int, int]:
+    """Feed a core; return how many frames it sent, and the time at the end, ns.
+
+    AssertionError says what broke, after how many frames.
+
+    Args:
+        core: is stepped once for each frame.
+        n_frames: in all.
+        frames: makes so many frames, each with the time since the one before, ns.
+        after_chunk: checks the state after each ``CHUNK``.
+        least_id: the lowest identifier that may be sent.
+        max_growth: bytes that the core may come to hold.
+        hear: takes what is sent.
+    """
+    now_ns = fed = sent = base = 0
+    tracemalloc.start(1)
+    try:
+        while fed < n_frames:
+            n = min(CHUNK, n_frames - fed)
+            for elapsed_ns, frame in frames(n):
+                now_ns += elapsed_ns
+                out, events, wake_ns = core.step(now_ns, (frame,))
+                sent += len(out)
+                hear(out)
+                assert len(out) <= MAX_OUT
+                assert len(events) <= MAX_OUT
+                assert wake_ns >= 0
+                for answer in out:
+                    assert least_id <= answer.can_id < 0x800
+                    assert len(answer.data) <= 8
+                    assert type(answer.data) is bytes
+            fed += n
+            after_chunk()
+            del frame, out, events
+            gc.collect()
+            held = tracemalloc.get_traced_memory()[0]
+            base = base or held
+            assert held - base < max_growth, f"{held - base} bytes more than at the start, after {fed} frames"
+    except Exception as error:
+        error.add_note(f"within {CHUNK} frames after {fed}")
+        raise
+    finally:
+        tracemalloc.stop()
+    return sent, now_ns
+
+
+def asked_for(about: str | None) -> tuple[int, int]:
+    """Return the number of frames and the seed that a command line asks for."""
+    parser = argparse.ArgumentParser(description=about)
+    parser.add_argument("--frames", type=int, default=10_000_000)
+    parser.add_argument("--seed", type=int, default=1)
+    arguments = parser.parse_args()
+    return arguments.frames, arguments.seed
