@@ -163,14 +163,10 @@ class _Driver:
         while not self.stop.is_set():
             left_ns = wake_ns - self.clock.now_ns()
             due = left_ns <= 0
-            if due or left_ns <= POLL_NS:
-                timeout_ns = 0
-            else:
-                timeout_ns = min(left_ns - POLL_NS, IDLE_NS)
-                if self.tidy and not self.core.n_owed:
-                    self.tidy.pause(timeout_ns)
-                    timeout_ns = max(wake_ns - self.clock.now_ns() - POLL_NS, 0)
-                    timeout_ns = min(timeout_ns, IDLE_NS)
+            if left_ns > POLL_NS and self.tidy and not self.core.n_owed:
+                self.tidy.pause(min(left_ns - POLL_NS, IDLE_NS))
+                left_ns = wake_ns - self.clock.now_ns()
+            timeout_ns = min(max(left_ns - POLL_NS, 0), IDLE_NS)
             frames = self.receive(timeout_ns)
             if frames is not None or due:
                 return frames or ()

@@ -215,8 +215,6 @@ def known_interfaces() -> list[str]:
 def _open(interface: str, channel: str | None, settings: Mapping[str, Any]) -> can.BusABC:
     """The opened interface, or a BusError with advice."""
     where = f"{interface} {channel}" if channel else interface
-    if interface not in can.VALID_INTERFACES:
-        raise BusError(f"unknown interface {interface!r}; known: {', '.join(known_interfaces())}")
     try:
         if interface == "udp_multicast":
             return MulticastBus(channel or DEFAULT_CHANNELS[interface], **settings)

@@ -151,8 +151,6 @@ class SocketCanBus(Bus):
             babble = self._babble.news(now_ns) if self._babble else []
         except OSError:  # the interface is gone: ``receive`` reports that
             babble = []
-        if not babble and not self._faults.pending and self._faults.n_dropped == n_dropped:
-            return babble
         return self._faults.news(now_ns, n_dropped) + babble
 
     def send(self, frames: Sequence[Frame]) -> int:

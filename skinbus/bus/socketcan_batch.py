@@ -125,15 +125,14 @@ def set_timestamps(sock: socket.socket) -> None:
     sock.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
 
 
-def raise_receive_buffer(sock: socket.socket, size: int) -> int:
-    """Ask for so many bytes of receive buffer; what was reached."""
+def raise_receive_buffer(sock: socket.socket, size: int) -> None:
+    """Ask for so many bytes of receive buffer."""
     for option in (SO_RCVBUFFORCE, socket.SO_RCVBUF):  # the first needs CAP_NET_ADMIN
         try:
             sock.setsockopt(socket.SOL_SOCKET, option, size)
-            break
+            return
         except PermissionError:
             continue
-    return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
 
 
 @kernel

@@ -85,10 +85,12 @@ def robot_settings(
 ) -> RobotSettings | None:
     """Return what the tables say of the robot, None without ``[robot]``; add their faults."""
     if robot is None:
-        for key, link in links:
-            for name in ("frame", "xyz_mm", "rpy_deg"):
-                if name in link.model_fields_set:
-                    faults.append(Fault(f"{key}.{name}", getattr(link, name), "[robot] beside it"))
+        faults += [
+            Fault(f"{key}.{name}", getattr(link, name), "[robot] beside it")
+            for key, link in links
+            for name in ("frame", "xyz_mm", "rpy_deg")
+            if name in link.model_fields_set
+        ]
         faults += [Fault(key, joint.name, "[robot] beside it") for key, joint in joints]
         return None
     usual_ms = max(MAX_AGE_MS, 1e3 * MAX_AGE_PERIODS / rate_hz)

@@ -52,12 +52,7 @@ def inner_kernel(function: F) -> F:
 def _kept(function: F, compiled: Any) -> F:
     """Give a kernel its place on disk: what is kept is out of date as soon as a source of it has changed."""
     file = getattr(sys.modules.get(function.__module__), "__file__", None)
-    if (
-        hasattr(compiled, "_cache")
-        and function.__closure__ is None
-        and "<locals>" not in function.__qualname__
-        and file
-    ):
+    if file and function.__closure__ is None and "<locals>" not in function.__qualname__:
         compiled._cache = KernelCache(function, sources_stamp(file))
     typed: F = compiled
     return typed

@@ -12,7 +12,6 @@ import logging
 import os
 import pickle
 import sys
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -32,10 +31,8 @@ from skinbus.file_bytes import cache_home, write_whole
 SUFFIX: Final = ".kernel"
 N_DIGEST: Final = 32
 """Bytes of the SHA-256 checksum at the start of a file."""
-UNUSED_S: Final = 30 * 86400.0
-"""Files that were not read for a month go: those of other sources, and what a killed process left."""
-ANY_PROCESSOR: Final = ("generic", "")
-"""Name and features of the processor that NUMBA_CPU_NAME=generic compiles for: any of an architecture."""
+SHIPPED_FOR: Final = ["generic", ""]
+"""Processor and features that NUMBA_CPU_NAME=generic compiles for: any of an architecture."""
 
 log = logging.getLogger(__name__)
 
@@ -62,15 +59,11 @@ class KernelFolder:
         return None
 
     def save(self, name: str, payload: bytes) -> None:
-        """Write a kernel as a whole, and remove what was not read for a month; after a fault, no more."""
+        """Write a kernel as a whole; after a fault, no more."""
         if self.path is None:
             return
         try:
             write_whole(self.path / (name + SUFFIX), hashlib.sha256(payload).digest() + payload, 0o600)
-            for path in self.path.iterdir():
-                with suppress(FileNotFoundError):  # another process has removed it
-                    if time.time() - path.lstat().st_atime > UNUSED_S:
-                        path.unlink()
         except OSError as error:
             log.warning("kernel cache: %s; kernels are compiled without one", error)
             self.path, self.fault = None, str(error)
@@ -103,20 +96,12 @@ def kernel_folder() -> KernelFolder:
         root = Path(os.environ.get("NUMBA_CACHE_DIR") or cache_home())
         path = root / f"kernels-{sys.implementation.cache_tag}"
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        fault = _fault_of(path)
+        status = path.lstat()
     except (OSError, RuntimeError) as error:  # RuntimeError: a user without a home
         return KernelFolder(None, str(error))
-    return KernelFolder(None, f"{path} {fault}") if fault else KernelFolder(path)
-
-
-def _fault_of(path: Path) -> str:
-    """Return why kernels in a folder must not be run or cannot be written, "" if nothing is wrong."""
-    status = path.lstat()
-    if status.st_uid != os.geteuid():
-        return "belongs to another user"
-    if status.st_mode & 0o022:
-        return "can be written by other users"
-    return "" if os.access(path, os.W_OK | os.X_OK) else "cannot be written"
+    if status.st_uid != os.geteuid() or status.st_mode & 0o022:
+        return KernelFolder(None, f"{path} belongs to another user, or can be written by other users")
+    return KernelFolder(path)
 
 
 class KernelCache(_Cache):
@@ -133,7 +118,7 @@ class KernelCache(_Cache):
         """Return the compiled kernel for a signature, None where it has to be compiled."""
         target_context.refresh()
         triple, *processor = target_context.codegen().magic_tuple()
-        for folder, made_for in ((kernel_folder(), processor), (shipped_kernels(), ANY_PROCESSOR)):
+        for folder, made_for in ((kernel_folder(), processor), (shipped_kernels(), SHIPPED_FOR)):
             name = self._name(sig, (triple, *made_for))
             payload = folder.load(name)
             if payload is not None:

@@ -20,7 +20,7 @@ from skinbus.node.device import Device
 from skinbus.objects import cia, profile
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import tpdos
-from skinbus.robot import ContactColumns, RobotContacts, RobotFrames
+from skinbus.robot import RobotContacts, RobotFrames
 from skinbus.robot.chain import check_positions
 from skinbus.robot.frames import to_single
 from skinbus.robot.positions import JointPositions
@@ -128,7 +128,7 @@ class MasterRobot:
             output.write(placed, tracks.slot, tracks.row)
         return placed
 
-    def place(self, t_ns: int, contacts: ContactColumns, *, is_blind: bool = False) -> RobotContacts:
+    def place(self, t_ns: int, contacts: Any, *, is_blind: bool = False) -> RobotContacts:
         """Return contacts on the robot, at the joint positions of a time."""
         while self._offered:
             when, values = self._offered.popleft()

@@ -174,10 +174,7 @@ class TransmissionType:
 
     SYNC_ACYCLIC = 0
     SYNC_MAX = 240
-    RTR_SYNC = 252
-    RTR_EVENT = 253
     EVENT_MANUFACTURER = 254
-    RESERVED = range(241, 252)
 
 
 class Trigger(IntFlag):

@@ -16,7 +16,7 @@ from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVari
 
 from skinbus.errors import EdsError, Fault
 from skinbus.objects import cia
-from skinbus.objects.eds_file import RECORD, EdsFile, Entry, Variable, read_file
+from skinbus.objects.eds_file import RECORD, EdsFile, Entry, Section, Variable, read_file
 from skinbus.objects.eds_lint import lint
 from skinbus.objects.eds_values import parse_integer
 from skinbus.objects.settings import NO_SETTINGS, Settings, apply_identity, apply_settings
@@ -153,11 +153,11 @@ class _Template:
 
 
 def _add_dummies(od: ObjectDictionary, file: EdsFile) -> None:
-    section = file.section("DummyUsage")
-    for key, text in section.keys.items() if section else ():
+    section = file.section("DummyUsage") or Section("DummyUsage")
+    for key, text in section.keys.items():
         index = parse_integer(f"0x{key.removeprefix('dummy')}")
         if index and parse_integer(text) == 1:
-            variable = ODVariable(section.spelling[key] if section else key, index, 0)
+            variable = ODVariable(section.spelling[key], index, 0)
             variable.data_type, variable.access_type, variable.pdo_mappable = index, "const", True
             od.add_object(variable)
 

@@ -45,10 +45,9 @@ _OBJECT = re.compile(r"(?P<index>[0-9a-f]{4})(?:sub(?P<sub>[0-9a-f]{1,2}))?")
 
 @dataclass(slots=True)
 class Section:
-    """One section of the file: its name as written, its keys in lower case, the line it starts on."""
+    """One section of the file: its name as written, its keys in lower case."""
 
     name: str
-    line: int
     keys: dict[str, str] = field(default_factory=dict)
     spelling: dict[str, str] = field(default_factory=dict)
     """Keys as the file spells them."""
@@ -205,10 +204,10 @@ def _read_sections(file: EdsFile, text: str) -> None:
             continue
         head = _SECTION.match(line)
         if head:
-            section = Section(head["name"].strip(), number)
+            section = Section(head["name"].strip())
             if section.name.lower() in file.sections:
                 file.fault(section.name, "", f"again on line {number}", "each section once")
-                section = Section(section.name, number)  # its keys are read, and dropped
+                section = Section(section.name)  # its keys are read, and dropped
             else:
                 file.sections[section.name.lower()] = section
             continue

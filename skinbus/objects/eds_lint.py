@@ -216,17 +216,10 @@ def _mapping(file: EdsFile, direction: Direction, mapping: Entry) -> None:
         if wanted := _mapped_object(file, direction, variable.number):
             for each in wanted:
                 file.fault_at(variable, f"0x{variable.number:08X}", each)
-    frame = _frame_bytes(file)
-    most = 8 * min((frame and frame.number) or CLASSIC_BYTES, MAX_BYTES)
+    is_fd = any(v.name == FRAME_BYTES.member for e in file.objects.values() for v in e.variables.values())
+    most = 8 * (MAX_BYTES if is_fd else CLASSIC_BYTES)
     if total > most:
         file.fault(mapping.section, "", f"{total} bits mapped in all", f"at most {most}")
-
-
-def _frame_bytes(file: EdsFile) -> Variable | None:
-    """Return the object of a board for CAN FD that holds the most bytes of a frame; others have none."""
-    entries = (entry for entry in file.objects.values() if entry.name == FRAME_BYTES.object)
-    members = (v for entry in entries for v in entry.variables.values() if v.name == FRAME_BYTES.member)
-    return next(members, None)
 
 
 def _mapped_object(file: EdsFile, direction: Direction, value: int) -> list[str]:

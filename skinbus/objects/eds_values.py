@@ -71,12 +71,6 @@ class Value:
     number: Number
     relative: bool = False
 
-    def at(self, node_id: int) -> Number:
-        """Return the value on the node with this node-ID."""
-        if self.relative and isinstance(self.number, int):
-            return self.number + node_id
-        return self.number
-
 
 MAX_DIGITS: Final = 100
 """Of an integer; 64 bits have 22 in the longest spelling."""

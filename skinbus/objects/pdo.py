@@ -82,10 +82,9 @@ class PdoMap:
 def frame_bytes(od: ObjectDictionary) -> int:
     """Return the most bytes that a PDO of the device may have: more than 8 if it is one for CAN FD."""
     try:
-        value = current(look_up(od, FRAME_BYTES))
+        return min(max(int(current(look_up(od, FRAME_BYTES)) or 0), CLASSIC_BYTES), MAX_BYTES)
     except KeyError:
         return CLASSIC_BYTES
-    return min(max(value, CLASSIC_BYTES), MAX_BYTES) if isinstance(value, int) else CLASSIC_BYTES
 
 
 def split_mapping(entry: int) -> tuple[int, int, int]:

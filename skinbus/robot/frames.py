@@ -11,7 +11,7 @@ Source: K. Lynch, F. Park, Modern Robotics (2017), 5.1 (geometric Jacobian), 5.2
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -33,30 +33,6 @@ _AROUND: Final = _STEP * np.array([[0.0, 1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1
 _UPPER: Final = np.triu_indices(3)
 LARGEST: Final = float(np.finfo(np.float32).max)
 """What does not fit into a REAL32 is this, not infinite."""
-
-
-class ContactColumns(Protocol):
-    """The columns that are placed: those of the estimator's contacts."""
-
-    @property
-    def link(self) -> Ints:
-        """(n,) link."""
-
-    @property
-    def s(self) -> Floats:
-        """(n,) m."""
-
-    @property
-    def a(self) -> Floats:
-        """(n,) m."""
-
-    @property
-    def force(self) -> Floats:
-        """(n,) N."""
-
-    @property
-    def covariance(self) -> Floats:
-        """(n, 3, 3) of s, a (m), force (N)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -167,27 +143,17 @@ class RobotFrames:
         """Return the poses (..., n_links, 4, 4) of the links' surfaces in the base."""
         return self.poses(positions)[1][..., : len(self.arm.links), :, :]
 
-    def place(
-        self, contacts: ContactColumns, positions: Floats | None, sd: Floats | None = None
-    ) -> RobotContacts:
+    def place(self, contacts: Any, positions: Floats | None, sd: Floats | None = None) -> RobotContacts:
         """Return contacts on the robot.
 
+        contacts:  columns as of the estimator: link, s, a (m), force (N), covariance (n, 3, 3) of s, a, force
         positions: (n_joints,) rad or m, finite; None where they are not known.
         sd:        (n_joints,) their standard deviations; None for zeros.
-
-        Raises:
-            ValueError: positions of another number of joints, or that are not finite.
         """
         chain, n_links, valid = self.chain, len(self.arm.links), positions is not None
         q, deviation = (
             np.zeros(chain.n_joints) if x is None else np.array(x, np.float64) for x in (positions, sd)
         )
-        if q.shape != (chain.n_joints,) or deviation.shape != q.shape:
-            raise ValueError(
-                f"positions of shape {q.shape}; wanted ({chain.n_joints},), one for each moving joint"
-            )
-        if not (np.isfinite(q).all() and np.isfinite(deviation).all()):
-            raise ValueError("positions and their deviations must be finite")
         link, force, variance = contacts.link, contacts.force, deviation * deviation
         X_BJ, X_BF = self.poses(q)
         X_BS = X_BF[link]

@@ -95,22 +95,19 @@ def mend(points: npt.ArrayLike, triangles: npt.ArrayLike, file: str = "mesh") ->
         raise ConfigError(file, [Fault("triangles", len(t), wanted)])
     if not np.isfinite(p[t]).all():
         raise ConfigError(file, [Fault("points", "NaN or infinite", "numbers")])
-    faults, messages = FaultList(), []
-
-    def say(n: int, what: str) -> None:
-        if n:
-            messages.append(f"{n} {what}")
+    faults = FaultList()
 
     size = float(np.ptp(p[t.ravel()], axis=0).max())
     if not SIZES[0] <= size <= SIZES[1]:
         faults.append(Fault("size", f"{size:g} m", f"{SIZES[0]:g} to {SIZES[1]:g} m: say its unit"))
     shape = _trimesh().Trimesh(p, t, process=False)
     shape.merge_vertices()
-    say(len(np.unique(t)) - len(shape.vertices), "corners that coincide were joined")
+    counts = {"corners that coincide were joined": len(np.unique(t)) - len(shape.vertices)}
     shape.update_faces(shape.nondegenerate_faces())
     shape.update_faces(shape.unique_faces())
     p, n_before, t = np.array(shape.vertices), len(t), np.array(shape.faces, np.int64)
-    say(n_before - len(t), "triangles without area or doubled were left out")
+    counts["triangles without area or doubled were left out"] = n_before - len(t)
+    messages = [f"{n} {what}" for what, n in counts.items() if n]
     if not len(t):
         raise ConfigError(file, [*faults, Fault("triangles", 0, "one with an area")])
     meeting = np.bincount(shape.edges_unique_inverse)

@@ -4,11 +4,10 @@ import os
 import random
 import subprocess
 import sys
-import time
 
 import pytest
 
-from skinbus.jit.kernel_files import UNUSED_S, KernelFolder, kernel_folder
+from skinbus.jit.kernel_files import KernelFolder, kernel_folder
 
 USE_A_KERNEL = """
 import logging
@@ -114,13 +113,3 @@ def test_full_disk_is_reported_once_and_kernels_are_compiled_without_a_cache(tmp
     folder.save("a.b.c", b"x")
     folder.save("a.b.c", b"x")
     assert (folder.path, len(caplog.messages), entries(tmp_path)) == (None, 1, [])
-
-
-def test_files_that_nothing_has_read_for_a_month_are_removed(tmp_path):
-    folder = KernelFolder(tmp_path)
-    for name in ("old", "loaded", "new"):
-        folder.save(name, name.encode())
-        read_s = time.time() - (0 if name == "loaded" else UNUSED_S + 1)
-        os.utime(tmp_path / f"{name}.kernel", (read_s, 0))
-    folder.save("new", b"new")
-    assert list(folder.names()) == ["loaded", "new"]

@@ -253,21 +253,6 @@ def test_planted_fault_is_refused_with_section_key_seen_and_wanted(name, tmp_pat
     assert len(said) == len(wanted), said
 
 
-FD_PLANTED = {
-    "more than the board says": (
-        lambda t: edit(t, "2000sub5", DefaultValue=24),
-        ["[1A00]: is '272 bits mapped in all'; wanted at most 192"],
-    ),
-}
-
-
-@pytest.mark.parametrize(("change", "wanted"), FD_PLANTED.values(), ids=FD_PLANTED)
-def test_planted_fault_of_can_fd_is_named(change, wanted):
-    text = change(find_eds("skin-patch-fd").read_text())
-    faults = lint(read_text(text, name="skin-patch-fd.eds"))
-    assert [str(fault) for fault in faults if "FileName" not in str(fault)] == wanted
-
-
 def test_all_faults_of_a_file_are_said_at_once():
     independent = [
         "restricted COB-ID",
