@@ -6,10 +6,11 @@ It returns a detail to show, and raises ``BrokenRuleError`` when the patch does 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
 from itertools import pairwise
+from statistics import median
 
 from canopen.objectdictionary import ObjectDictionary
 
@@ -19,10 +20,11 @@ from skinbus.can.frame import RTR, Frame
 from skinbus.master.commissioning.sessions import Listen, Reply, Request, Script, Sessions, Timeouts
 from skinbus.node.lss import Lss, lss_request
 from skinbus.node.nmt import nmt_frame
+from skinbus.node.sync import MAX_COUNTER
 from skinbus.objects import cia
 from skinbus.objects.board import describe_patch
 from skinbus.objects.cia import AbortCode, EmcyCode, NmtCommand, NmtState
-from skinbus.objects.pdo import PdoMap, carries_readings, tpdos
+from skinbus.objects.pdo import PdoMap, carries_readings, readings_in, tpdos
 from skinbus.objects.profile import number_at
 
 MS = 1_000_000
@@ -30,8 +32,14 @@ BOOT_NS = 2_000 * MS
 """A board that has not booted after this has none of the loaders that are in use, which take 1 s at most."""
 TIMEOUTS = Timeouts(sdo_ns=500 * MS, store_ns=5_000 * MS)
 HEARTBEAT_MS = 100
-N_SYNCS = 25
-"""SYNCs that are answered: at 20 ms, half a second."""
+N_SYNCS = 2000
+"""SYNCs that are answered, 40 s: what is lost once in 300 is seen."""
+N_COMPARED = 4
+CHANGES = 5
+"""Values of a reading from which it is more than a constant."""
+PRESS_NS = 30_000 * MS
+PRESSED = 3.0
+"""Touch thresholds of a press."""
 SYNC_PERIOD_NS = 20 * MS
 ANSWER_NS = 100 * MS
 """For what a node does at once: an EMCY, a change of state."""
@@ -74,6 +82,7 @@ class Rule:
     check: Callable[[CheckedPatch], Check]
     is_destructive: bool = False
     """Whether the parameters stored in the patch are lost."""
+    needs_press: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +101,15 @@ class CheckedPatch:
     od: ObjectDictionary
     response_ns: int
     """Longest time from SYNC to the last of its TPDOs."""
+    n_syncs: int = N_SYNCS
+    ask: Callable[[str], object] | None = None
+    """Asks a person for a press; None: there is nobody."""
+    on_sync: Callable[[], object] = lambda: None
     now_ns: int = 0
+    rounds: list[tuple[bytes, ...]] = field(default_factory=list)
+    """TPDOs of readings of each SYNC."""
+    beats: list[list[int]] = field(default_factory=list)
+    """Times of heartbeats meanwhile (ns), by half."""
 
     def is_heartbeat(self, frame: Frame) -> bool:
         """Whether a frame is a heartbeat or boot-up of the patch."""
@@ -107,15 +124,21 @@ class CheckedPatch:
         return frame.can_id == cia.EMCY_BASE + self.node_id and not frame.flags
 
     def command(
-        self, command: NmtCommand, ns: int = ANSWER_NS, until: Callable[[Frame], bool] | None = None
+        self,
+        command: NmtCommand,
+        ns: int = ANSWER_NS,
+        until: Callable[[Frame], bool] | None = None,
+        *,
+        to_all: bool = False,
     ) -> Script[list[Frame]]:
-        """Command the patch; return the frames that follow."""
-        received: list[Frame] = yield Listen(ns, until, (nmt_frame(command, self.node_id),))
+        """Command the patch, or all nodes; return the frames that follow."""
+        node_id = 0 if to_all else self.node_id
+        received: list[Frame] = yield Listen(ns, until, (nmt_frame(command, node_id),))
         return received
 
-    def reset(self) -> Script[list[Frame]]:
+    def reset(self, command: NmtCommand = NmtCommand.RESET_NODE) -> Script[list[Frame]]:
         """Reset the patch; return the frames until its boot-up message."""
-        return (yield from self.command(NmtCommand.RESET_NODE, BOOT_NS, self.is_boot_up))
+        return (yield from self.command(command, BOOT_NS, self.is_boot_up))
 
 
 class PatchCheck(Core):
@@ -161,12 +184,15 @@ class PatchCheck(Core):
         for rule in self._rules:
             if rule.is_destructive and not self._destructive:
                 finding = Grading(Grade.SKIPPED, "stored parameters would be lost")
+            elif rule.needs_press and not self._patch.ask:
+                finding = Grading(Grade.SKIPPED, "with --press")
             else:
                 try:
                     detail = yield from rule.check(self._patch)
                     finding = Grading(Grade.PASS, detail or "")
                 except BrokenRuleError as broken:
                     finding = Grading(Grade.FAIL, str(broken))
+                    yield from self._patch.reset()  # what the rule has changed
             self.results.append(RuleResult(rule, finding))
             if self._on_result:
                 self._on_result(self.results[-1])
@@ -232,12 +258,17 @@ def _counts(patch: CheckedPatch) -> Script[list[int]]:
 
 def _boots(patch: CheckedPatch) -> Check:
     yield Listen(ANSWER_NS)  # it may be booting
-    received = yield from patch.reset()
-    late = f"no boot-up message within {BOOT_NS // MS} ms of a reset"
-    _need(received and patch.is_boot_up(received[-1]), late)
-    for frame in received[:-1]:
-        is_early = frame.can_id & 0x7F == patch.node_id and not patch.is_heartbeat(frame)
-        _need(not is_early, f"sent 0x{frame.can_id:03X} before its boot-up message")
+    for command in (NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION):
+        received = yield from patch.reset(command)
+        after = f"after {command.name} (0x{command:02X})"
+        late = f"no boot-up message within {BOOT_NS // MS} ms {after}; send 0x700 + node-ID with a byte of 0"
+        _need(received and patch.is_boot_up(received[-1]), late)
+        for frame in received[:-1]:
+            is_early = frame.can_id & 0x7F == patch.node_id and not patch.is_heartbeat(frame)
+            _need(not is_early, f"sent 0x{frame.can_id:03X} before its boot-up message")
+        more = yield Listen(ANSWER_NS)
+        twice = f"more than one boot-up message {after}: does it reset itself again?"
+        _need(not any(map(patch.is_boot_up, more)), twice)
     return None
 
 
@@ -264,14 +295,17 @@ def _heartbeat(patch: CheckedPatch) -> Check:
 def _states(patch: CheckedPatch) -> Check:
     yield _write(cia.HEARTBEAT_PRODUCER, 0, HEARTBEAT_MS, 2)
     steps = (
-        (NmtCommand.START, NmtState.OPERATIONAL),
-        (NmtCommand.STOP, NmtState.STOPPED),
-        (NmtCommand.PRE_OPERATIONAL, NmtState.PRE_OPERATIONAL),
+        (NmtCommand.START, NmtState.OPERATIONAL, False),
+        (NmtCommand.STOP, NmtState.STOPPED, False),
+        (NmtCommand.PRE_OPERATIONAL, NmtState.PRE_OPERATIONAL, False),
+        (NmtCommand.START, NmtState.OPERATIONAL, False),
+        (NmtCommand.PRE_OPERATIONAL, NmtState.PRE_OPERATIONAL, True),
     )
-    for command, state in steps:
-        received = yield from patch.command(command, 3 * HEARTBEAT_MS * MS)
+    for command, state, to_all in steps:
+        received = yield from patch.command(command, 3 * HEARTBEAT_MS * MS, to_all=to_all)
         beats = [f.data.hex() for f in received if patch.is_heartbeat(f)] or ["none"]
-        wrong = f"after {command.name} the heartbeat is {beats[-1]}, not {state:02x} ({state.name})"
+        asked = command.name + " to all (node-ID 0)" * to_all
+        wrong = f"after {asked} the heartbeat is {beats[-1]}, not {state:02x} ({state.name})"
         _need(beats[-1] == f"{state:02x}", wrong)
     return None
 
@@ -333,27 +367,143 @@ def _pdo_rules(patch: CheckedPatch) -> Check:
 
 
 def _readings(patch: CheckedPatch) -> Check:
-    """Every SYNC is answered once by every TPDO of readings, in time, with a sample of its own."""
-    pdos, rounds, slowest = _cyclic(patch), [], 0
-    yield from patch.command(NmtCommand.START)
-    for _ in range(N_SYNCS):
-        sent_ns = patch.now_ns
-        received = yield Listen(SYNC_PERIOD_NS, send=SYNC)
-        for pdo in pdos:
-            frames = [f for f in received if f.can_id == pdo.cob_id]
-            _need(len(frames) == 1, f"TPDO {pdo.number} came {len(frames)} times after a SYNC")
-            length = len(frames[0].data)
-            _need(length == pdo.length, f"TPDO {pdo.number} has {length} bytes; wanted {pdo.length}")
-            slowest = max(slowest, frames[0].t_ns - sent_ns)
-        rounds.append([f.data for pdo in pdos for f in received if f.can_id == pdo.cob_id])
-    # a board without noise may repeat; with noise all its TPDOs change
-    n_same = sum(a == b for a, b in pairwise(rounds))
-    n_new = sum(all(x != y for x, y in zip(a, b, strict=True)) for a, b in pairwise(rounds))
-    again = f"{n_same} of {N_SYNCS} answers repeat the one before; wanted a new sample for each SYNC"
-    _need(min(n_same, n_new) <= 1 or n_same + n_new < N_SYNCS - 1, again)
-    detail = f"SYNC to the last TPDO: {slowest / MS:.2f} ms at most"
+    """Every SYNC is answered once by every TPDO of readings, in order and in time.
+
+    In the second half SYNCs carry a counter, if the board takes one.
+    """
+    pdos, slowest, n = _cyclic(patch), 0, 0
+    yield _write(cia.HEARTBEAT_PRODUCER, 0, HEARTBEAT_MS, 2)
+    for overflow in (0, MAX_COUNTER):
+        yield from patch.command(NmtCommand.PRE_OPERATIONAL)
+        reply: Reply = yield _write(cia.SYNC_COUNTER_OVERFLOW, 0, overflow, 1)
+        is_counted = overflow and not reply.abort
+        yield from patch.command(NmtCommand.START)
+        patch.beats.append([])
+        for k in range(patch.n_syncs // 2):
+            sent_ns, n = patch.now_ns, n + 1
+            counter = bytes([1 + k % MAX_COUNTER]) if is_counted else b""
+            received = yield Listen(SYNC_PERIOD_NS, send=(Frame(cia.SYNC_ID, counter),))
+            patch.beats[-1] += [f.t_ns for f in received if patch.is_heartbeat(f)]
+            of = {pdo.cob_id: [f for f in received if f.can_id == pdo.cob_id] for pdo in pdos}
+            at = f"after SYNC {n} of {patch.n_syncs}{f' (counter {counter[0]})' if counter else ''}"
+            for pdo in pdos:
+                frames = of[pdo.cob_id]
+                few = f"TPDO {pdo.number} came {len(frames)} times {at}; answer each SYNC with all TPDOs"
+                _need(len(frames) == 1, few)
+                length = len(frames[0].data)
+                wrong = f"TPDO {pdo.number} has {length} bytes {at}; wanted {pdo.length}"
+                _need(length == pdo.length, wrong)
+                slowest = max(slowest, frames[0].t_ns - sent_ns)
+            came = [f.can_id for f in received if f.can_id in of]
+            _need(
+                came in (list(of), sorted(of)),
+                f"TPDOs out of order {at}; send them by number, from one queue",
+            )
+            patch.rounds.append(tuple(own[0].data for own in of.values()))
+            patch.on_sync()
+    yield from patch.command(NmtCommand.PRE_OPERATIONAL)
+    yield _write(cia.SYNC_COUNTER_OVERFLOW, 0, 0, 1)
+    detail = f"{n} SYNCs; SYNC to the last TPDO: {slowest / MS:.2f} ms at most"
     _need(slowest <= patch.response_ns, f"{detail}; wanted {patch.response_ns / MS:g} ms")
     return detail
+
+
+def _new_samples(patch: CheckedPatch) -> Check:
+    """A board without noise may repeat; with noise all its TPDOs change."""
+    yield from ()
+    rounds = [_values(patch, frames) for frames in patch.rounds]
+    subs = [[entry.sub for entry in readings_in(pdo)] for pdo in _cyclic(patch)]
+    pairs = list(pairwise([[[values[sub] for sub in own] for own in subs] for values in rounds]))
+    n_same = sum(a == b for a, b in pairs)
+    n_new = sum(all(x != y for x, y in zip(a, b, strict=True)) for a, b in pairs)
+    again = f"{n_same} of {len(pairs) + 1} answers repeat the one before; sample anew at each SYNC"
+    _need(min(n_same, n_new) <= 1 or n_same + n_new < len(pairs), again)
+    return None
+
+
+def _channels(patch: CheckedPatch) -> Check:
+    """No two readings that change are always the same."""
+    yield from ()
+    subs: dict[tuple[int, ...], int] = {}
+    rounds = [_values(patch, frames) for frames in patch.rounds]
+    for sub in rounds[0] if rounds else ():
+        column = tuple(values[sub] for values in rounds)
+        other = subs.setdefault(column, sub)
+        same = f"readings {other} and {sub} are always equal; does the multiplexer switch and settle?"
+        _need(other == sub or len(set(column)) < CHANGES, same)
+    return None
+
+
+def _beats_under_load(patch: CheckedPatch) -> Check:
+    yield from ()
+    gaps = [b - a for beats in patch.beats for a, b in pairwise(beats)]
+    n_lost = sum(max(0, round(gap / (HEARTBEAT_MS * MS)) - 1) for gap in gaps)
+    lost = f"{n_lost} of {n_lost + len(gaps)} heartbeats are missing while SYNCs are answered"
+    _need(not n_lost, f"{lost}; send them from a timer, and keep room for them in the send queue")
+    return None
+
+
+def _values(patch: CheckedPatch, frames: Iterable[bytes]) -> dict[int, int]:
+    """Return the readings in the TPDOs of a SYNC, by sub-index."""
+    values = {}
+    for pdo, data in zip(_cyclic(patch), frames, strict=True):
+        for entry in readings_in(pdo):
+            bits = int.from_bytes(data, "little") >> entry.offset & (1 << entry.bits) - 1
+            values[entry.sub] = bits - (bits >> entry.bits - 1 << entry.bits) * entry.signed
+    return values
+
+
+def _sync_values(patch: CheckedPatch) -> Script[dict[int, int]]:
+    """Return what the TPDOs after a SYNC carry, by sub-index; nothing if some do not come as they should."""
+    received = yield Listen(SYNC_PERIOD_NS, send=SYNC)
+    data = {frame.can_id: frame.data for frame in received}
+    found = [data.get(pdo.cob_id, b"") for pdo in _cyclic(patch)]
+    is_whole = [len(own) for own in found] == [pdo.length for pdo in _cyclic(patch)]
+    return _values(patch, found) if is_whole else {}
+
+
+def _same_as_sdo(patch: CheckedPatch) -> Check:
+    """TPDOs carry what SDO reads, but for noise."""
+    yield from patch.command(NmtCommand.START)
+    board = describe_patch(patch.od)
+    spare = board.transducer.bits - (board.transducer.converter_bits or board.transducer.bits)
+    by_pdo, by_sdo = [], []
+    for _ in range(N_COMPARED):
+        by_pdo.append((yield from _sync_values(patch)))
+        by_sdo.append((yield from _counts(patch)))
+    for sub, reads in enumerate(zip(*by_sdo, strict=True), 1):
+        sent = [values[sub] for values in by_pdo if sub in values]
+        if sent:
+            near = (4 << spare) + 2 * (max(reads) - min(reads)) + abs(median(reads)) / 10
+            off = f"reading {sub} is {median(sent):g} by PDO and {median(reads):g} by SDO"
+            is_near = abs(median(sent) - median(reads)) <= near
+            _need(is_near, f"{off}; send what 0x6401 holds: low byte first, not shifted, in this order")
+    return "" if any(map(any, by_sdo)) else "all readings are 0, which proves little: use --press"
+
+
+def _pressed(patch: CheckedPatch) -> Check:
+    """The same under a finger, where readings are large."""
+    board = describe_patch(patch.od)
+    if patch.ask:
+        patch.ask("press the board with a finger, and hold until the next line")
+    yield from patch.command(NmtCommand.START)
+    for _ in range(PRESS_NS // SYNC_PERIOD_NS):
+        values = yield from _sync_values(patch)
+        if any(abs(v) * board.transducer.step > PRESSED * board.threshold for v in values.values()):
+            return (yield from _same_as_sdo(patch))
+    _need(None, f"no press was felt within {PRESS_NS // (1000 * MS)} s")
+    return None
+
+
+def _segments(patch: CheckedPatch) -> Check:
+    """Texts come in segments, whose toggle bit alternates."""
+    for index in (cia.DEVICE_NAME, cia.HARDWARE_VERSION, cia.SOFTWARE_VERSION):
+        if index in patch.od.indices:
+            reply: Reply = yield Request(index, 0)
+            wrong = f"0x{index:04X}: the toggle bit of segments does not alternate, 0 first"
+            _need(reply.abort != AbortCode.TOGGLE, wrong)
+            _need(not reply.abort, f"0x{index:04X}: {cia.describe_abort(reply.abort)}")
+    return None
 
 
 def _left_adjusted(patch: CheckedPatch) -> Check:
@@ -385,6 +535,8 @@ def _emcy(patch: CheckedPatch) -> Check:
     _need(data[:2] == code and len(data) == 8, f"EMCY {data.hex()}; wanted 8 bytes with code 0x8240")
     register: Reply = yield Request(cia.ERROR_REGISTER, 0)
     _need(any(register.data), "the error register is 0 while there is an error")
+    own = f"byte 2 of EMCY is 0x{data[2]:02X}; send the error register there, 0x{register.data.hex()}"
+    _need(data[2:3] == register.data, own)
     history: Reply = yield Request(cia.ERROR_HISTORY, cia.LAST_ERROR)
     _need(history.data[:2] == code, "the newest entry of the error history is not the error")
     data = (yield from _await(patch.is_emcy, *SYNC)) or b"--"
@@ -488,11 +640,15 @@ RULES = (
     Rule("SDO aborts", "301 7.2.4.3.17", "Wrong requests are aborted with the code of their fault.", _aborts),
     Rule("PDO parameters", "301 7.5.2.37", "PDO parameters are those of the EDS.", _communication),
     Rule("valid PDO", "301 7.5.2.38", "The mapping of a valid PDO cannot be changed.", _pdo_rules),
-    Rule(
-        "readings", "301 7.2.2", "Each SYNC has one answer in time, of all readings, sampled new.", _readings
-    ),
+    Rule("segments", "301 7.2.4.3", "The toggle bit of SDO segments alternates.", _segments),
+    Rule("readings", "301 7.2.2", "Each SYNC has one answer in time, of all TPDOs by number.", _readings),
+    Rule("new samples", "301 7.2.2", "Each answer is sampled anew.", _new_samples),
+    Rule("channels", "skinbus", "No two readings are always the same.", _channels),
+    Rule("heartbeat under load", "301 7.2.8", "No heartbeat is missing meanwhile.", _beats_under_load),
+    Rule("PDO as SDO", "401 6.4", "TPDOs carry what 0x6401 (0x6400) holds.", _same_as_sdo),
     Rule("left-adjusted", "401 6.4", "Readings are left-adjusted: spare bits are 0.", _left_adjusted),
     Rule("at rest", "skinbus", "Untouched, no reading passes the touch threshold.", _rests_in_band),
+    Rule("pressed", "401 6.4", "Under a finger TPDOs carry what 0x6401 holds.", _pressed, needs_press=True),
     Rule("EMCY", "301 7.2.7", "Errors are sent once, kept in 0x1001 and 0x1003, and taken back.", _emcy),
     Rule("synchronous window", "301 7.5.2.7", "0x1007 can be set; late TPDOs are not sent.", _window),
     Rule("configuration mark", "301 7.5.2.24", "0x1020 is 0 once a parameter was changed.", _mark),

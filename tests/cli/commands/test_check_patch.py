@@ -2,14 +2,16 @@
 
 import pytest
 
-from skinbus.sim import World, load_scene
+from skinbus.config.system import load_arm
+from skinbus.sim import World
+from tests.master.commissioning.person import pressed_scene
 
 
 @pytest.mark.slow
 def test_simulated_board_passes_and_a_node_that_is_not_there_is_said(own_bus):
-    with own_bus.with_cores(World(load_scene("pad"))):
+    with own_bus.with_cores(World(pressed_scene(load_arm("pad")))):
         # a loaded process in Python is no firmware: what is asked of its timing is little
-        answer = own_bus.run("board", "check", "--node", "1", "--response-ms", "200")
+        answer = own_bus.run("board", "check", "--node", "1", "--response-ms", "200", "--syncs", "50")
         absent = own_bus.run("board", "check", "--node", "77")
     slow = {"heartbeat", "readings"}  # these fail when the machine is too busy for them
     rows = [line.split()[:2] for line in answer.output.splitlines()]
