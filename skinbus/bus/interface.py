@@ -11,8 +11,6 @@ from skinbus.can.frame import ERROR, FD, MAX_DATA, Frame, FrameBatch
 
 SEND_PATIENCE_S: Final = 0.1
 """How long a full send queue is waited for before frames are given up; 800 frames at 1 Mbit/s."""
-CLASSIC_DATA: Final = 8
-"""Bytes of a classic frame."""
 RETRY_S: Final = 0.0005
 """Between two attempts to send: four frame times at 1 Mbit/s."""
 BAD_FRAME: Final = {errno.EINVAL, errno.EMSGSIZE}
@@ -73,7 +71,7 @@ class Bus:
         """Return whether this interface can carry a frame."""
         if frame.flags & FD:
             return self.fd and len(frame.data) <= MAX_DATA
-        return len(frame.data) <= CLASSIC_DATA and not frame.flags & ERROR
+        return len(frame.data) <= 8 and not frame.flags & ERROR
 
     def __enter__(self) -> Self:
         return self

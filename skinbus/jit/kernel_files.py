@@ -29,11 +29,6 @@ from numba.core.serialize import dumps
 from skinbus.file_bytes import cache_home, write_whole
 
 SUFFIX: Final = ".kernel"
-N_DIGEST: Final = 32
-"""Bytes of the SHA-256 checksum at the start of a file."""
-SHIPPED_FOR: Final = ["generic", ""]
-"""Processor and features that NUMBA_CPU_NAME=generic compiles for: any of an architecture."""
-
 log = logging.getLogger(__name__)
 
 
@@ -52,8 +47,8 @@ class KernelFolder:
             content = None
         if content is None:
             return None
-        payload = content[N_DIGEST:]
-        if content[:N_DIGEST] == hashlib.sha256(payload).digest():
+        payload = content[32:]
+        if content[:32] == hashlib.sha256(payload).digest():
             return payload
         self.discard(name, f"{len(content)} bytes with a wrong checksum")
         return None
@@ -77,12 +72,12 @@ class KernelFolder:
 
     def names(self) -> list[str]:
         """Return the names of all kernels."""
-        return [] if self.path is None else [path.stem for path in sorted(self.path.glob("*" + SUFFIX))]
+        return [] if self.path is None else [path.stem for path in self.path.glob("*" + SUFFIX)]
 
 
 @cache
 def shipped_kernels() -> KernelFolder:
-    """Return the kernels that a wheel of ``tools/wheel`` carries, compiled for any processor."""
+    """Return the kernels of a wheel of ``tools/wheel``, for any processor: NUMBA_CPU_NAME=generic."""
     return KernelFolder(Path(__file__).parent / "kernels")
 
 
@@ -118,7 +113,7 @@ class KernelCache(_Cache):
         """Return the compiled kernel for a signature, None where it has to be compiled."""
         target_context.refresh()
         triple, *processor = target_context.codegen().magic_tuple()
-        for folder, made_for in ((kernel_folder(), processor), (shipped_kernels(), SHIPPED_FOR)):
+        for folder, made_for in ((kernel_folder(), processor), (shipped_kernels(), ["generic", ""])):
             name = self._name(sig, (triple, *made_for))
             payload = folder.load(name)
             if payload is not None:

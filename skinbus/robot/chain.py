@@ -173,8 +173,7 @@ def _only_end(root: str, joints: list[Joint], faults: list[Fault]) -> str | None
     for joint in joints:
         depth[joint.child] = depth[joint.parent] + (joint.kind != "fixed")
     leaves = depth.keys() - {joint.parent for joint in joints}
-    most = max(depth[link] for link in leaves)
-    ends = [link for link in depth if link in leaves and depth[link] == most]
+    ends = [link for link in depth if link in leaves and depth[link] == max(depth.values())]
     if len(ends) == 1:
         return ends[0]
     faults.append(Fault("robot.tool", None, f"the link that is the tool frame, of {', '.join(ends)}"))

@@ -52,7 +52,7 @@ _ON: Final = 1e-4
 """m, from the chart: beyond it a place is not on it."""
 _ROUNDING: Final = 1e-9
 """m, of a place that is on the mesh."""
-_KEPT: Final = b"5"
+_KEPT: Final = b"6"
 """Of what is kept: another one where the method changes."""
 
 
@@ -164,7 +164,7 @@ def lay(
         OnChart(s=float(s), a=float(a), yaw=float(yaw), tactels=tactels)
         for (s, a, yaw), tactels in zip(found["boards"], np.split(found["tactels"], ends), strict=True)
     ]
-    length, width, period = found["sizes"].tolist()
+    length, width, period, first = found["sizes"].tolist()
     scales, messages = found["tactels"][:, 2], mesh.messages
     if np.ptp(scales) > 0.01:
         stretch = f"the chart stretches by {scales.min():.3f} to {scales.max():.3f} under the boards"
@@ -176,7 +176,7 @@ def lay(
         taper=0.0,
         period=period,
         width=width,
-        first=(0.0, float(found["first"])),
+        first=(0.0, first),
         step=STEP,
         nodes=found["nodes"],
         on=found["on"],
@@ -217,8 +217,7 @@ def _compute(mesh: Mesh, boards: Sequence[Laid], name: str) -> Arrays:
     return {
         "boards": np.array(middles),
         "tactels": np.concatenate(tactels),
-        "sizes": np.array([length, width, chart.period]),
-        "first": np.array(first),
+        "sizes": np.array([length, width, chart.period, first]),
         "nodes": nodes,
         "on": on,
     }

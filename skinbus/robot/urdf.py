@@ -109,10 +109,12 @@ def read_urdf(path: str | Path) -> tuple[str, list[Joint]]:
             )
         )
     carried = {joint.child for joint in robot.joints}
-    base = next(link.name for link in robot.links if link.name not in carried)
+    base = next((link.name for link in robot.links if link.name not in carried), "")
     ordered = list(from_link[base])
     for joint in ordered:  # grows while it is walked
         ordered += from_link[joint.child]
+    if loop := carried - {joint.child for joint in ordered}:
+        raise ConfigError(str(path), [Fault(_at(root), max(loop), "links without a loop of joints")])
     return base, ordered
 
 
@@ -150,7 +152,6 @@ def _faults(root: Any) -> Iterator[Fault]:
         yield from _number_faults(owner)
     names = {link.get("name") for link in links}
     child_of: dict[str, str] = {}
-    parents: dict[str, str | None] = {}
     for joint in joints:
         kind = joint.get("type")
         if kind not in KINDS:
@@ -169,19 +170,10 @@ def _faults(root: Any) -> Iterator[Fault]:
         if child in child_of:
             yield Fault(_at(joint, "child"), child, f"a link that {child_of[child]} does not carry already")
         elif child:
-            child_of[child], parents[child] = joint.get("name", "another joint"), parent
-    roots = sorted(name for name in names if name and name not in parents)
+            child_of[child] = joint.get("name", "another joint")
+    roots = sorted(name for name in names if name and name not in child_of)
     if len(roots) > 1:
         yield Fault(_at(root), ", ".join(roots), "one root: a link that no joint carries")
-    passed: set[str] = set()
-    for start in parents:
-        path, link = set(), start
-        while link in parents and link not in passed:
-            passed.add(link)
-            path.add(link)
-            link = parents[link] or ""
-        if link in path:
-            yield Fault(_at(root), link, "links without a loop of joints")
 
 
 _ENDS: Final = ("parent", "child")
