@@ -14,7 +14,6 @@ from typing import Any, Final, TypeVar
 from pydantic import ValidationError
 
 from skinbus.config.arm_tables import (
-    MAX_PATCH_ID,
     SURFACES,
     ArmTable,
     BusTable,
@@ -43,8 +42,10 @@ MAX_BUSES: Final = 16
 DEFAULT_DATA_BITRATE: Final = 2_000_000
 """Of CAN FD, bit/s: what any transceiver for CAN FD does, on any wiring that does 1 Mbit/s."""
 
-MAX_SHOWN, MAX_TABLES = 64, MAX_BUSES * MAX_PATCH_ID
-"""Names that a fault lists, more than links and buses; tables of a kind, as many as there can be patches."""
+MAX_SHOWN: Final = 64
+"""Names that a fault lists, more than links and buses."""
+
+_FOLDER: Final = Path(__file__).parent / "arms"
 
 _TABLES: Final = ("arm", "bus", "link", "patch", "ring", "robot", "joint")
 
@@ -79,7 +80,7 @@ def find_arm(name_or_path: str | Path) -> Path:
     Raises:
         ConfigError: there is no such file; the message lists the names known.
     """
-    return find_toml(name_or_path, _folder(), "arm")
+    return find_toml(name_or_path, _FOLDER, "arm")
 
 
 def read_arm_file(path: Path) -> ArmFile:
@@ -136,10 +137,6 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     )
 
 
-def _folder() -> Path:
-    return Path(__file__).parent / "arms"
-
-
 _T = TypeVar("_T", bound=Table)
 
 
@@ -167,10 +164,7 @@ def _check_all(
 ) -> list[tuple[str, _T]]:
     """Return the checked tables of an array of tables with their keys, numbered from 1."""
     checked = []
-    n = len(_tables(tables, kind))
-    if n > MAX_TABLES:
-        faults.append(Fault(kind, f"{n} tables", f"at most {MAX_TABLES}"))
-    for i, table in enumerate(_tables(tables, kind)[:MAX_TABLES], 1):
+    for i, table in enumerate(_tables(tables, kind), 1):
         key = f"{kind}[{i}]"
         own: type[Any] = model
         if model is LinkTable and isinstance(table, dict):

@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Sequence
 
 from skinbus.can.core import NEVER, Core, Step
-from skinbus.can.event import Event
 from skinbus.can.frame import Frame
 
 
@@ -24,14 +23,3 @@ class Talker(Core):
         due = [frame for t_ns, frame in self.plan if t_ns <= now_ns]
         self.plan = self.plan[len(due) :]
         return Step(due, (), self.plan[0][0] if self.plan else NEVER)
-
-
-class Answerer(Core):
-    """Answers each frame with the next identifier, and tells of it."""
-
-    cob_ids = None
-
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
-        answers = [Frame(frame.can_id + 1, frame.data) for frame in frames]
-        events = [Event(t_ns=now_ns, kind="heard", detail=f"{frame.can_id:X}") for frame in frames]
-        return Step(answers, events, NEVER)
