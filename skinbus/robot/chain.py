@@ -71,17 +71,6 @@ class Chain(NamedTuple):
         return bool(is_limited and not self.lower[j] - slack <= value <= self.upper[j] + slack)
 
 
-def load_chain(settings: RobotSettings) -> Chain:
-    """Return the chain of an arm's robot.
-
-    Raises:
-        ConfigError: faults of the URDF, or of the arm file that goes with it.
-        SkinbusError: yourdfpy is not installed.
-    """
-    root, joints = read_urdf(settings.urdf)
-    return compile_chain(root, joints, settings)
-
-
 def check_robot(arm: Arm) -> None:
     """Check what an arm file says of its robot, if it has one; errors are those of :func:`load_chain`."""
     if arm.robot is not None:
@@ -103,13 +92,15 @@ def check_positions(chain: Chain, positions: Sequence[tuple[int, float]]) -> Non
             )
 
 
-def compile_chain(root: str, joints: list[Joint], settings: RobotSettings) -> Chain:
-    """Return the chain of the joints of a URDF (parents first) for an arm.
+def load_chain(settings: RobotSettings) -> Chain:
+    """Return the chain of an arm's robot.
 
     Raises:
-        ConfigError: the arm file names what the URDF does not have, the skin is on a joint that is not
-            supported, or a fixed position is beyond its limits: all such faults.
+        ConfigError: faults of the URDF; or the arm file names what it does not have, the skin is on a joint
+            that is not supported, or a fixed position is beyond its limits: all such faults.
+        SkinbusError: yourdfpy is not installed.
     """
+    root, joints = read_urdf(settings.urdf)
     faults: list[Fault] = []
     carriers = {joint.child: joint for joint in joints}
 
@@ -214,7 +205,7 @@ def _compile(
         carrier=np.array([joint for joint, _ in frames], np.int64),
         X_CF=np.array([X for _, X in frames]).reshape(-1, 4, 4),
         moves=moves,
-        lower=np.array([joint.lower for joint in moved], float),
-        upper=np.array([joint.upper for joint in moved], float),
-        velocity=np.array([joint.velocity for joint in moved], float),
+        lower=np.array([joint.lower for joint in moved]),
+        upper=np.array([joint.upper for joint in moved]),
+        velocity=np.array([joint.velocity for joint in moved]),
     )

@@ -103,12 +103,10 @@ class RobotFrames:
     Raises:
         ConfigError: faults of the URDF, or of the arm file that goes with it.
         SkinbusError: yourdfpy is not installed.
-        ValueError: the arm has no robot.
     """
 
     def __init__(self, arm: Arm, chain: Chain | None = None) -> None:
-        if arm.robot is None:
-            raise ValueError(f"{arm.name} has no [robot]")
+        assert arm.robot is not None
         self.arm = arm
         self.chain = chain = load_chain(arm.robot) if chain is None else chain
         self._shapes = np.stack([arm.link_radius, arm.link_taper, arm.link_period, arm.link_length])

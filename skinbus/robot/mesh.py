@@ -68,7 +68,7 @@ def load_mesh(path: str | Path, unit: float = 1e-3) -> Mesh:
     trimesh = _trimesh()
     kind = Path(path).suffix.lower()
     if kind not in FORMATS:
-        raise ConfigError(str(path), [Fault("mesh", kind or None, f"a file {', '.join(FORMATS)}")])
+        raise ConfigError(str(path), [Fault("mesh", kind, f"a file {', '.join(FORMATS)}")])
     content = BytesIO(read_bytes(Path(path), MOST_BYTES))
     try:
         read = trimesh.load(content, file_type=kind[1:], process=False, force="mesh")
@@ -112,7 +112,7 @@ def mend(points: npt.ArrayLike, triangles: npt.ArrayLike, file: str = "mesh") ->
         raise ConfigError(file, [*faults, Fault("triangles", 0, "one with an area")])
     meeting = np.bincount(shape.edges_unique_inverse)
     for a, b in shape.edges_unique[meeting > 2]:
-        where = ", ".join(f"{1e3 * x:.1f}" for x in 0.5 * (p[a] + p[b]))
+        where = (500.0 * (p[a] + p[b])).round(1).tolist()
         faults.append(Fault(f"edge at {where} mm", "3 or more triangles", "at most two at an edge"))
     if shape.body_count > 1:
         faults.append(Fault("parts", shape.body_count, "one connected surface"))

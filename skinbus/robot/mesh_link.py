@@ -147,7 +147,7 @@ def lay(
         digest = hashlib.sha256(_KEPT)
         of_boards = (np.concatenate([b.point, b.along, b.uv.ravel()]) for b in boards)
         for part in (mesh.points, mesh.triangles, *of_boards):
-            digest.update(np.ascontiguousarray(part).tobytes())
+            digest.update(part.tobytes())
         file = kept / f"link-{digest.hexdigest()}.npz"
         try:
             with np.load(file, allow_pickle=False) as data:
@@ -228,7 +228,7 @@ def _places(geodesics: Geodesics, board: Laid, faults: list[Fault]) -> Floats:
     triangle, weights = nearest_places(geodesics.mesh, board.point[None])
     off = float(np.linalg.norm(geodesics.mesh.at(triangle, weights) - board.point))
     if off > OFF:
-        seen = ", ".join(f"{1e3 * x:.1f}" for x in board.point)
+        seen = (1e3 * board.point).round(1).tolist()
         faults.append(Fault(f"{board.key}.xyz_mm", seen, f"on the mesh; it is {1e3 * off:.1f} mm away"))
         return board.uv
     try:

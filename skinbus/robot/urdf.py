@@ -102,7 +102,7 @@ def read_urdf(path: str | Path) -> tuple[str, list[Joint]]:
                 child=joint.child,
                 X_PJ=np.eye(4) if joint.origin is None else np.asarray(joint.origin, float),
                 axis=_unit(joint.axis),
-                mimics=joint.mimic and joint.mimic.joint,
+                mimics=None if joint.mimic is None else str(joint.mimic.joint),
                 lower=-np.inf if limit is None or limit.lower is None else float(limit.lower),
                 upper=np.inf if limit is None or limit.upper is None else float(limit.upper),
                 velocity=np.inf if limit is None or not limit.velocity else abs(float(limit.velocity)),
@@ -164,9 +164,6 @@ def _faults(root: Any) -> Iterator[Fault]:
         along = None if axis is None else _numbers(axis.get("xyz", "1 0 0"), 3)
         if kind in MOVING and along is not None and not np.any(along):
             yield Fault(_at(joint, "axis.xyz"), axis.get("xyz"), "a direction, not zero")
-        mimic = joint.find("mimic")
-        if mimic is not None and not mimic.get("joint"):
-            yield Fault(_at(joint, "mimic.joint"), None, "the name of a joint")
         if child in child_of:
             yield Fault(_at(joint, "child"), child, f"a link that {child_of[child]} does not carry already")
         elif child:

@@ -9,7 +9,8 @@ import pytest
 
 from skinbus.errors import ConfigError
 from skinbus.model import JointSettings
-from skinbus.robot import compile_chain, read_urdf
+from skinbus.robot.chain import load_chain
+from skinbus.robot.urdf import read_urdf
 from tests.robot.robots import URDF, arm_on
 
 pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
@@ -153,7 +154,7 @@ MIMIC = """\
 
 def chain_of(path, names, **settings):
     arm = arm_on(path, names, np.random.default_rng(1), **settings)
-    return compile_chain(*read_urdf(path), arm.robot)
+    return load_chain(arm.robot)
 
 
 def test_all_names_that_the_urdf_does_not_have_are_reported_at_once():
