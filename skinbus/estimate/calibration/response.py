@@ -21,10 +21,11 @@ Squares and Errors-in-Variables Modeling (2002), for presses.
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicHermiteSpline
 from scipy.sparse import csr_array
 
 Floats = npt.NDArray[np.float64]
@@ -389,20 +390,18 @@ def basis_at(d: Floats, step: float) -> Floats:
     The last point of the table is 0, as is all beyond it. Cubic Hermite polynomials; slopes are central
     differences, 0 at d = 0, one-sided at the end.
     """
-    x = d / step
-    inside = x < POINTS - 1
-    x = np.where(inside, x, 0.0)
-    i = np.minimum(x.astype(np.intp), POINTS - 2)
-    t = x - i
-    left, right = t**3 - 2.0 * t**2 + t, t**3 - t**2
-    before, after = np.where(i > 0, 0.5 * left, 0.0), np.where(i < POINTS - 2, 0.5 * right, right)
-    rows = np.arange(len(x))
-    matrix = np.zeros((len(x), POINTS))
-    matrix[rows, i] = 2.0 * t**3 - 3.0 * t**2 + 1.0 - after
-    matrix[rows, i + 1] = 3.0 * t**2 - 2.0 * t**3 + before
-    matrix[rows, i - 1] -= before  # of the first row it is 0, and so it is where i - 1 is the last column
-    matrix[rows, np.minimum(i + 2, POINTS - 1)] += after
-    return np.asarray(matrix[:, :-1] * inside[:, None])
+    return np.asarray(np.nan_to_num(_UNIT_PROFILES(d / step))[:, :-1])
+
+
+def _unit_profiles() -> CubicHermiteSpline:
+    """Return the profiles of tables that are 1 at one point and 0 elsewhere, over d / step."""
+    points = np.eye(POINTS)
+    slopes: Any = np.gradient(points, axis=0)
+    slopes[0] = 0.0
+    return CubicHermiteSpline(np.arange(POINTS), points, slopes, extrapolate=False)
+
+
+_UNIT_PROFILES: Final = _unit_profiles()
 
 
 def _roughness(order: int = 3) -> Floats:

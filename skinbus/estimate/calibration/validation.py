@@ -126,8 +126,7 @@ def errors_of(
 
 
 def _inside(table: PressTable) -> Bools:
-    tactels, rim = np.asarray(table.arm.patches[0].patch.tactels_uv), RIM * table.pitch
-    uv, out = table.uv(), np.zeros(len(table), np.bool_)
+    rim, uv, out = RIM * table.pitch, table.uv(), np.zeros(len(table), np.bool_)
     for p in np.unique(table.patch):
         tactels, rows = np.asarray(table.arm.patches[p].patch.tactels_uv), table.patch == p
         low, high = tactels.min(axis=0) - rim, tactels.max(axis=0) + rim

@@ -54,7 +54,7 @@ def test_boards_too_coarse_for_a_millimetre_are_said_to_be():
 
 @pytest.mark.parametrize("k", range(3))
 def test_good_presses_are_accepted_and_the_error_to_expect_is_the_true_one(k):
-    _, _, judgement, error = outcome([SEED, 3, k], small=True)
+    judgement, error = outcome([SEED, 3, k], small=True)
     assert not judgement.faults, judgement.faults
     assert len(judgement.outliers) <= 0.05 * len(judgement.table)
     # 40 new touches of other forces: quantiles of so few differ by half
