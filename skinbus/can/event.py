@@ -63,6 +63,8 @@ class EventKind(StrEnum):
     """Its heartbeat reports that it is no longer operational, and no command of ours caused that."""
     PATCH_REBOOTED = "patch-rebooted"
     """Its boot-up message came while it was operational: it was reset, or its supply failed."""
+    PATCH_REPLACED = "patch-replaced"
+    """Another board, by its serial number, has the place of one that ran before."""
     PATCH_CONFIGURED = "patch-configured"
     """Objects were downloaded to it."""
     PATCH_EMCY = "patch-emcy"

@@ -115,6 +115,8 @@ class Cycle:
         self.arm = arm
         self.estimator = estimator
         longest_s = max(BLIND_S, BLIND_CYCLES / arm.bus.rate_hz)
+        self.serials = np.zeros(arm.n_patches, np.int64)
+        """(n_patches,) serial numbers of the boards, 0 for not known."""
         self.tracker = Tracker(arm, n_slots=MAX_CONTACTS, blind_s=longest_s)
         self.baseline = Baseline(arm)
         self.plausibility = Plausibility(arm)

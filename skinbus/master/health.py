@@ -69,10 +69,15 @@ class Health:
         self._touched = np.zeros(arm.n_tactels, np.bool_)
         self._faulty = np.zeros(arm.n_tactels, np.bool_)
         self._next_ns = 0
+        self._serials = np.zeros(arm.n_patches, np.int64)
 
     def observe(self, report: CycleReport) -> None:
         """Take a cycle."""
-        w = self.records
+        w, serials = self.records, self._cycle.serials
+        for p in np.flatnonzero((serials != self._serials) & (serials != 0)).tolist():
+            if self._serials[p]:
+                w[self._arm.tactels_of(p)] = new_records(self._arm.patches[p].patch.n_tactels)
+            self._serials[p] = serials[p]
         touched = self._cycle.baseline.felt.touched != 0
         w["touches"] += touched & ~self._touched
         self._touched = touched
@@ -108,7 +113,7 @@ class Health:
         for p, name in enumerate(names_of(arm)):
             own = records[arm.tactels_of(p)]
             columns = {key: digits_of(own[key], DIGITS) for key in NAMES}
-            patches[name] = {"board": fingerprint(arm, p), **columns}
+            patches[name] = {"board": fingerprint(arm, p), "serial": int(self._serials[p]), **columns}
         return {"arm": arm.name, "health": patches}
 
     def resume(self, tables: dict[str, Any]) -> int:
@@ -117,6 +122,8 @@ class Health:
         for p, own in enumerate(found):
             if own is not None:
                 self.records[self._arm.tactels_of(p)] = own
+                serial = table_in(table_in(tables["health"])[names_of(self._arm)[p]]).get("serial")
+                self._serials[p] = serial if isinstance(serial, int) and 0 <= serial < 1 << 32 else 0
         return sum(own is not None for own in found)
 
 

@@ -88,6 +88,7 @@ class Master(Core):
             self.period_ns, slowest, level, available, budget_us=budget_us, is_timed=clock is not None
         )
         self.cycle = Cycle(arm, plan, estimator, zero_at_start=zero_at_start)
+        self.cycle.serials = self.table.serial
         stages = self.cycle.baseline, self.cycle.plausibility
         plans = expected_nodes(arm, ods)
         self.robot = None

@@ -255,3 +255,56 @@ class AbortCode(IntEnum):
 def describe_abort(code: int) -> str:
     """Return an abort code with its meaning, known or not."""
     return f"0x{code:08X} ({SdoAbortedError.CODES.get(code, 'unknown abort code')})"
+
+
+EMCY_CLASSES = {
+    0x10: "generic error",
+    0x20: "current",
+    0x21: "current at the input",
+    0x22: "current inside",
+    0x23: "current at the output",
+    0x30: "voltage",
+    0x31: "supply voltage",
+    0x32: "voltage inside",
+    0x33: "output voltage",
+    0x40: "temperature",
+    0x41: "ambient temperature",
+    0x42: "temperature of the device",
+    0x50: "hardware",
+    0x60: "software",
+    0x61: "firmware",
+    0x62: "user software",
+    0x63: "data set",
+    0x70: "additional modules",
+    0x80: "monitoring",
+    0x81: "communication",
+    0x82: "protocol",
+    0x90: "external error",
+    0xF0: "additional functions",
+    0xFF: "device specific",
+}
+"""Classes of error codes by their upper byte (CiA 301, table 26)."""
+
+EMCY_WORDS = {
+    (EmcyCode.COMMUNICATION, bytes([SYNC_WINDOW & 0xFF, SYNC_WINDOW >> 8])): (
+        "synchronous window missed: TPDOs were not ready in time, a slower rate_hz would help"
+    ),
+    (EmcyCode.CAN_OVERRUN, b""): "CAN overrun: frames were lost",
+    (EmcyCode.CAN_PASSIVE, b""): "CAN error passive",
+    (EmcyCode.HEARTBEAT, b""): "heartbeat or life guarding lost",
+    (EmcyCode.BUS_OFF_RECOVERED, b""): "recovered from bus-off",
+    (EmcyCode.COB_ID_COLLISION, b""): "another node sends with its COB-ID",
+    (EmcyCode.PDO_LENGTH, b""): "PDO too short",
+    (EmcyCode.PDO_LENGTH_EXCEEDED, b""): "PDO too long",
+    (EmcyCode.SYNC_LENGTH, b""): "SYNC of a wrong length",
+    (EmcyCode.RPDO_TIMEOUT, b""): "RPDO did not come in time",
+}
+"""Codes, and how their data begins."""
+
+
+def describe_emcy(code: int, data: bytes = b"") -> str:
+    """Return an error code of EMCY with its meaning, known or not."""
+    known = (words for (own, begin), words in EMCY_WORDS.items() if own == code and data.startswith(begin))
+    upper = code >> 8
+    kind = EMCY_CLASSES.get(upper) or EMCY_CLASSES.get(upper & 0xF0, "unknown")
+    return f"0x{code:04X} ({next(known, kind)})"

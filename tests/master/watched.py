@@ -18,6 +18,7 @@ class Watched:
         self.arm = arm or load_arm("pad")
         self.rng = np.random.default_rng(seed)
         self.cycle = SimpleNamespace(
+            serials=np.zeros(1, np.int64),
             arm=self.arm,
             baseline=Baseline(self.arm),
             plausibility=Plausibility(self.arm),

@@ -91,7 +91,7 @@ class Supervisor:
         self._has_booted, self._is_restored = np.zeros((2, n), np.bool_)
         self._retry_at, self._reset_at = np.full((2, n), NEVER)
         self._started_at, self._not_before = np.zeros((2, n), np.int64)
-        self._n_unstable = np.zeros(n, np.int64)
+        self._n_unstable, self._n_doubled = np.zeros((2, n), np.int64)
         self._bad_length = np.zeros(n, np.int32)
         self._has_bad_length = np.zeros(n, np.bool_)
         self._is_lost = np.zeros(n, np.bool_)  # as the log has it: "back" follows
@@ -172,10 +172,10 @@ class Supervisor:
                 self._heartbeat_of(now_ns, p, frame.data[0] & 0x7F)
             elif base == cia.EMCY_BASE and len(frame.data) == EMCY_LENGTH:
                 has_sent_emcy.add(p)
-                code = int.from_bytes(frame.data[:2], "little")
+                code, data = int.from_bytes(frame.data[:2], "little"), frame.data[3:]
                 # Which error is over it does not say (CiA 301, 7.2.7.1): the last code stays until all are.
                 self._error(
-                    now_ns, p, code if code >= FIRST_ERROR else EmcyCode.GENERIC * (frame.data[2] > 0)
+                    now_ns, p, code if code >= FIRST_ERROR else EmcyCode.GENERIC * (frame.data[2] > 0), data
                 )
             elif base == cia.SDO_CLIENT_BASE and (what := foreign_write(frame.data)):
                 self._fall(now_ns, p, f"another client writes {what}", RETRY_NS)
@@ -338,6 +338,11 @@ class Supervisor:
         before, outcome = self.table.state[p], result.outcome
         if outcome.is_good:
             self._is_restored[p] = False
+            old, new = int(self.table.serial[p]), result.serial
+            if 0 not in (old, new) and old != new:
+                detail = f"serial number {new} in place of {old}"
+                self._report(now_ns, EventKind.PATCH_REPLACED, p, detail=detail)
+            self.table.serial[p] = new or old
             self._ready.append(p)
             if result.n_written:
                 self._report(now_ns, EventKind.PATCH_CONFIGURED, p, detail=f"{result.n_written} objects")
@@ -356,7 +361,10 @@ class Supervisor:
 
     def _refuse(self, now_ns: int, p: int, kind: EventKind, reason: str) -> None:
         """Do not let patch p run, and look at it again later."""
-        self._retry_at[p] = now_ns + RETRY_NS
+        self._n_doubled[p] += kind is EventKind.PATCH_DOUBLED
+        self._retry_at[p] = now_ns + RETRY_NS * max(
+            1, DELAYS_S[min(int(self._n_doubled[p]), len(DELAYS_S) - 1)]
+        )
         if self.table.nmt[p] == NmtState.OPERATIONAL:
             self._command(p, NmtCommand.PRE_OPERATIONAL)
         if self.table.state[p] != PatchState.WRONG:
@@ -369,6 +377,7 @@ class Supervisor:
         self.table.nmt[p] = NmtState.OPERATIONAL
         self.table.last_heard[p] = self._started_at[p] = now_ns
         self._doubts.pop(p, None)
+        self._n_doubled[p] = 0
         self._command(p, NmtCommand.START)
         self._report(now_ns, EventKind.PATCH_STARTED, p)
         if self._is_lost[p]:
@@ -403,14 +412,14 @@ class Supervisor:
     def _command(self, p: int, command: NmtCommand) -> None:
         self._out.append(nmt_frame(command, self._plans[p].node_id))
 
-    def _error(self, now_ns: int, p: int, code: int) -> None:
+    def _error(self, now_ns: int, p: int, code: int, data: bytes = b"") -> None:
         """Take the newest error of patch p, GENERIC for one that is not known, 0 for none."""
         before = self.table.error[p]
         if code == before or (before and code == EmcyCode.GENERIC):
             return
         self.table.error[p] = code
         kind = EventKind.PATCH_EMCY if code else EventKind.PATCH_EMCY_CLEARED
-        self._report(now_ns, kind, p, detail=f"0x{code:04X}" if code else "")
+        self._report(now_ns, kind, p, detail=cia.describe_emcy(code, data) if code else "")
 
     def _report(self, now_ns: int, kind: EventKind, *patches: int, detail: str = "") -> None:
         self._events += [

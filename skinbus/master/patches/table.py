@@ -56,7 +56,8 @@ class PatchTable:
     state (n_patches,) PatchState; last_heard (n_patches,) ns of the last heartbeat; last_fresh
     (n_patches,) ns of the SYNC for which the newest readings in use were sampled; missed (n_patches,)
     cycles in a row without; error (n_patches,) last EMCY code, 0 for none; starts (n_patches,) times that it
-    began to run; restarts (n_patches,) times that it stopped running by itself; nmt (n_patches,) NMT state by
+    began to run; restarts (n_patches,) times that it stopped running by itself; serial (n_patches,) serial
+    number that it last had, 0 for not known; nmt (n_patches,) NMT state by
     its last heartbeat or command, 0 for not known.
     """
 
@@ -68,6 +69,7 @@ class PatchTable:
         self.error = np.zeros(n_patches, np.uint16)
         self.starts = np.zeros(n_patches, np.int64)
         self.restarts = np.zeros(n_patches, np.int64)
+        self.serial = np.zeros(n_patches, np.int64)
         self.nmt = np.zeros(n_patches, np.uint8)
 
     def part(self, patches: slice) -> PatchTable:
