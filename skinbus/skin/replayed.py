@@ -141,6 +141,7 @@ def _buses_of(arm: Arm, channels: Sequence[str], seen: Mapping[str, int], log: s
     said = channels_by_name(arm.buses, channels)
     there = ", ".join(f"{name} ({n} frame{'s' * (n > 1)})" for name, n in sorted(seen.items()))
     names: list[str] = []
+    faults: list[str] = []
     for settings, name in zip(arm.buses, said, strict=True):
         if name is None and settings.channel in seen:
             name = settings.channel
@@ -150,8 +151,10 @@ def _buses_of(arm: Arm, channels: Sequence[str], seen: Mapping[str, int], log: s
             how, of = ("--channel (channel=... in Python)", "meant")
             if len(arm.buses) > 1:
                 how, of = how_to_say(settings), f"bus {settings.name}"
-            raise AddressError(f"{log} begins with {there}: say by {how} which of them is {of}")
-        names.append(name)
+            faults.append(f"say by {how} which of them is {of}")
+        names.append(name or "")
+    if faults:
+        raise AddressError(f"{log} begins with {there}: {'; '.join(faults)}")
     return {name: k for k, name in enumerate(names)}
 
 
