@@ -106,10 +106,17 @@ class CheckedPatch:
     """Asks a person for a press; None: there is nobody."""
     on_sync: Callable[[], object] = lambda: None
     now_ns: int = 0
-    rounds: list[tuple[bytes, ...]] = field(default_factory=list)
-    """TPDOs of readings of each SYNC."""
+    pdos: list[PdoMap] = field(init=False)
+    """TPDOs of readings that answer SYNCs."""
+    rounds: list[dict[int, int]] = field(default_factory=list)
+    """Readings that answered each SYNC, by sub-index."""
     beats: list[list[int]] = field(default_factory=list)
     """Times of heartbeats meanwhile (ns), by half."""
+
+    def __post_init__(self) -> None:
+        sync = range(1, cia.TransmissionType.SYNC_MAX + 1)
+        sent = (pdo for pdo in tpdos(self.od) if carries_readings(pdo))
+        self.pdos = [pdo for pdo in sent if pdo.transmission_type in sync]
 
     def is_heartbeat(self, frame: Frame) -> bool:
         """Whether a frame is a heartbeat or boot-up of the patch."""
@@ -238,11 +245,6 @@ def _await(is_it: Callable[[Frame], bool], *send: Frame) -> Script[bytes | None]
     return received[-1].data if received and is_it(received[-1]) else None
 
 
-def _cyclic(patch: CheckedPatch) -> list[PdoMap]:
-    sync = range(1, cia.TransmissionType.SYNC_MAX + 1)
-    return [pdo for pdo in tpdos(patch.od) if carries_readings(pdo) and pdo.transmission_type in sync]
-
-
 def _counts(patch: CheckedPatch) -> Script[list[int]]:
     """Return the readings of all tactels by SDO."""
     index = next(i for i in cia.READINGS if i in patch.od.indices)
@@ -358,7 +360,7 @@ def _communication(patch: CheckedPatch) -> Check:
 
 def _pdo_rules(patch: CheckedPatch) -> Check:
     """The mapping of a valid PDO stays."""
-    pdo = _cyclic(patch)[0]
+    pdo = patch.pdos[0]
     reply: Reply = yield _write(cia.TPDO_MAPPING + pdo.number - 1, 0, 0, 1)
     if not reply.abort:
         yield _write(cia.TPDO_MAPPING + pdo.number - 1, 0, len(pdo.entries), 1)
@@ -371,7 +373,7 @@ def _readings(patch: CheckedPatch) -> Check:
 
     In the second half SYNCs carry a counter, if the board takes one.
     """
-    pdos, slowest, n = _cyclic(patch), 0, 0
+    pdos, slowest, n = patch.pdos, 0, 0
     yield _write(cia.HEARTBEAT_PRODUCER, 0, HEARTBEAT_MS, 2)
     for overflow in (0, MAX_COUNTER):
         yield from patch.command(NmtCommand.PRE_OPERATIONAL)
@@ -399,7 +401,7 @@ def _readings(patch: CheckedPatch) -> Check:
                 came in (list(of), sorted(of)),
                 f"TPDOs out of order {at}; send them by number, from one queue",
             )
-            patch.rounds.append(tuple(own[0].data for own in of.values()))
+            patch.rounds.append(_values(pdos, (own[0].data for own in of.values())))
             patch.on_sync()
     yield from patch.command(NmtCommand.PRE_OPERATIONAL)
     yield _write(cia.SYNC_COUNTER_OVERFLOW, 0, 0, 1)
@@ -411,11 +413,10 @@ def _readings(patch: CheckedPatch) -> Check:
 def _new_samples(patch: CheckedPatch) -> Check:
     """A board without noise may repeat; with noise all its TPDOs change."""
     yield from ()
-    rounds = [_values(patch, frames) for frames in patch.rounds]
-    subs = [[entry.sub for entry in readings_in(pdo)] for pdo in _cyclic(patch)]
-    pairs = list(pairwise([[[values[sub] for sub in own] for own in subs] for values in rounds]))
+    subs = [[entry.sub for entry in readings_in(pdo)] for pdo in patch.pdos]
+    pairs = list(pairwise(patch.rounds))
     n_same = sum(a == b for a, b in pairs)
-    n_new = sum(all(x != y for x, y in zip(a, b, strict=True)) for a, b in pairs)
+    n_new = sum(all(any(a[sub] != b[sub] for sub in own) for own in subs) for a, b in pairs)
     again = f"{n_same} of {len(pairs) + 1} answers repeat the one before; sample anew at each SYNC"
     _need(min(n_same, n_new) <= 1 or n_same + n_new < len(pairs), again)
     return None
@@ -425,9 +426,8 @@ def _channels(patch: CheckedPatch) -> Check:
     """No two readings that change are always the same."""
     yield from ()
     subs: dict[tuple[int, ...], int] = {}
-    rounds = [_values(patch, frames) for frames in patch.rounds]
-    for sub in rounds[0] if rounds else ():
-        column = tuple(values[sub] for values in rounds)
+    for sub in patch.rounds[0] if patch.rounds else ():
+        column = tuple(values[sub] for values in patch.rounds)
         other = subs.setdefault(column, sub)
         same = f"readings {other} and {sub} are always equal; does the multiplexer switch and settle?"
         _need(other == sub or len(set(column)) < CHANGES, same)
@@ -443,10 +443,10 @@ def _beats_under_load(patch: CheckedPatch) -> Check:
     return None
 
 
-def _values(patch: CheckedPatch, frames: Iterable[bytes]) -> dict[int, int]:
+def _values(pdos: Sequence[PdoMap], frames: Iterable[bytes]) -> dict[int, int]:
     """Return the readings in the TPDOs of a SYNC, by sub-index."""
     values = {}
-    for pdo, data in zip(_cyclic(patch), frames, strict=True):
+    for pdo, data in zip(pdos, frames, strict=True):
         for entry in readings_in(pdo):
             bits = int.from_bytes(data, "little") >> entry.offset & (1 << entry.bits) - 1
             values[entry.sub] = bits - (bits >> entry.bits - 1 << entry.bits) * entry.signed
@@ -457,9 +457,9 @@ def _sync_values(patch: CheckedPatch) -> Script[dict[int, int]]:
     """Return what the TPDOs after a SYNC carry, by sub-index; nothing if some do not come as they should."""
     received = yield Listen(SYNC_PERIOD_NS, send=SYNC)
     data = {frame.can_id: frame.data for frame in received}
-    found = [data.get(pdo.cob_id, b"") for pdo in _cyclic(patch)]
-    is_whole = [len(own) for own in found] == [pdo.length for pdo in _cyclic(patch)]
-    return _values(patch, found) if is_whole else {}
+    found = [data.get(pdo.cob_id, b"") for pdo in patch.pdos]
+    is_whole = [len(own) for own in found] == [pdo.length for pdo in patch.pdos]
+    return _values(patch.pdos, found) if is_whole else {}
 
 
 def _same_as_sdo(patch: CheckedPatch) -> Check:
