@@ -161,27 +161,9 @@ class SocketCanBus(Bus):
         fit = [frame for frame in frames if self.fits(frame)]
         self.n_refused += len(frames) - len(fit)
         n_before, given_up = self.n_sent, 0
-        give_up_s = 0.0
         for k, frame in enumerate(fit):
-            while True:
-                try:
-                    self._control.send(pack(frame))
-                    self.n_sent += 1
-                    give_up_s = 0.0
-                    break
-                except OSError as error:
-                    if error.errno in BAD_FRAME:
-                        self.n_refused += 1
-                        break
-                    if error.errno not in _FULL:
-                        raise BusError(f"{self}: sending failed: {error}") from error
-                    now_s = time.monotonic()
-                    give_up_s = give_up_s or now_s + (0.0 if self._stuck else SEND_PATIENCE_S)
-                    if now_s >= give_up_s:
-                        given_up = len(fit) - k
-                        break
-                    time.sleep(RETRY_S)
-            if given_up:
+            if not self._send_one(pack(frame)):
+                given_up = len(fit) - k
                 break
         self.n_lost += given_up
         self._stuck = given_up > 0 or (self._stuck and self.n_sent == n_before)
@@ -190,6 +172,25 @@ class SocketCanBus(Bus):
         if not self._stuck:
             self._faults.send_queue_free()
         return self.n_sent - n_before
+
+    def _send_one(self, data: bytes) -> bool:
+        """Send and count; False if the queue stays full: for that it waits no longer once it was in vain."""
+        give_up_s = time.monotonic() + (0.0 if self._stuck else SEND_PATIENCE_S)
+        while True:
+            try:
+                self._control.send(data)
+            except OSError as error:
+                if error.errno in BAD_FRAME:
+                    self.n_refused += 1
+                    return True
+                if error.errno not in _FULL:
+                    raise BusError(f"{self}: sending failed: {error}") from error
+                if time.monotonic() >= give_up_s:
+                    return False
+                time.sleep(RETRY_S)
+            else:
+                self.n_sent += 1
+                return True
 
     def close(self) -> None:
         """Let go of the interface; a second call does nothing."""
