@@ -3,7 +3,7 @@
 import click
 from mkdocs.structure.files import File
 
-from skinbus.cli import COMMANDS, GROUPS, SUBCOMMANDS, group
+from skinbus.cli import GROUPS, SUBCOMMANDS, group
 
 
 def _help(name):
@@ -24,6 +24,5 @@ def on_files(files, config):
             for full in (name, *(f"{name} {sub}" for sub in SUBCOMMANDS.get(name, ()))):
                 for heading, text in _help(full):
                     lines += ["", f"### skinbus {heading}", "", "```text", text, "```"]
-    assert len(lines) > 5 * len(COMMANDS)
     files.append(File.generated(config, "commands.md", content="\n".join(lines) + "\n"))
     return files

@@ -1,4 +1,4 @@
-"""Other masters on the bus: noticed by all, and of those that are started together one runs."""
+"""Other masters on the bus: all report them, and of those that are started together one runs."""
 
 from __future__ import annotations
 
@@ -66,9 +66,9 @@ RUNS, BEGINS = 0, 1
 class Contest:
     """Decides which of several masters runs, like the flying master of CiA 302-2.
 
-    A master claims the bus before it sends anything else. One that hears a better claim is silent from then
-    on; one that hears a worse claim repeats its own. Claims only get better, when a master begins to run; so
-    two never give way to each other.
+    A master claims the bus before it sends anything else. One that receives a better claim sends nothing
+    more; one that receives a worse claim repeats its own. Claims only get better, when a master begins to
+    run; so two never give way to each other.
     """
 
     cob_ids = frozenset({cia.ACTIVE_MASTER_ID, cia.SYNC_ID})

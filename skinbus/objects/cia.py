@@ -286,7 +286,7 @@ EMCY_CLASSES = {
 """Classes of error codes by their upper byte (CiA 301, table 26)."""
 
 EMCY_WORDS = {
-    (EmcyCode.COMMUNICATION, bytes([SYNC_WINDOW & 0xFF, SYNC_WINDOW >> 8])): (
+    (EmcyCode.COMMUNICATION, SYNC_WINDOW.to_bytes(2, "little")): (
         "synchronous window missed: TPDOs were not ready in time, a slower rate_hz would help"
     ),
     (EmcyCode.CAN_OVERRUN, b""): "CAN overrun: frames were lost",

@@ -321,12 +321,12 @@ def table(points: Sequence[Point]) -> list[list[str]]:
     return rows
 
 
-def draw_arm(points: Sequence[Point], condition: str = CALIBRATED) -> Figure:
-    """Draw one arm: a panel for 8 and one for 16 bits, a line for each level from one finger to two."""
+def draw_arm(points: Sequence[Point]) -> Figure:
+    """Draw one arm, calibrated: a panel for each number of bits, a line for each level, one finger to two."""
     from skinbus.study.draw import COLOURS, MARKERS, new_figure
 
     figure, panels = new_figure(len(BITS), 1, width=4.6, height=4.0)
-    own = [p for p in points if p.condition == condition]
+    own = [p for p in points if p.condition == CALIBRATED]
     for axes, bits in zip(panels[0], BITS, strict=True):
         here = [p for p in own if p.bits == bits]
         for level in LEVELS:
@@ -350,6 +350,6 @@ def draw_arm(points: Sequence[Point], condition: str = CALIBRATED) -> Figure:
         )
     axes.legend()
     figure.suptitle(
-        f"{points[0].arm}, {condition}\nfilled: {FINGERS[1]}; open: {FINGERS[2]}; ringed: the level to run"
+        f"{points[0].arm}, {CALIBRATED}\nfilled: {FINGERS[1]}; open: {FINGERS[2]}; ringed: the level to run"
     )
     return figure

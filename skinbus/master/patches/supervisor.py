@@ -31,7 +31,8 @@ from skinbus.objects import cia
 from skinbus.objects.cia import AbortCode, EmcyCode, NmtCommand, NmtState
 
 DELAYS_S = (0, 1, 2, 4, 8, 16, 30)
-"""Delays between the starts of a patch that stops running soon after each; the last one stays."""
+"""Delays between the starts of a patch that stops running soon after each, or between looks at a double
+node-ID; the last one stays."""
 
 STABLE_NS = 30_000_000_000
 """A patch that has run for so long is stable: its next restart is at once. No shorter than the longest delay,
@@ -306,7 +307,7 @@ class Supervisor:
     def _put_off(self, now_ns: int, p: int) -> int:
         """Put off the next start of patch p, by more each time; return by how many seconds."""
         self._n_unstable[p] += 1
-        delay_s = DELAYS_S[min(int(self._n_unstable[p]), len(DELAYS_S)) - 1]
+        delay_s = _delay_s(int(self._n_unstable[p]))
         self._not_before[p] = now_ns + 1_000_000_000 * delay_s
         return delay_s
 
@@ -362,9 +363,7 @@ class Supervisor:
     def _refuse(self, now_ns: int, p: int, kind: EventKind, reason: str) -> None:
         """Do not let patch p run, and look at it again later."""
         self._n_doubled[p] += kind is EventKind.PATCH_DOUBLED
-        self._retry_at[p] = now_ns + RETRY_NS * max(
-            1, DELAYS_S[min(int(self._n_doubled[p]), len(DELAYS_S) - 1)]
-        )
+        self._retry_at[p] = now_ns + max(RETRY_NS, 1_000_000_000 * _delay_s(int(self._n_doubled[p]) + 1))
         if self.table.nmt[p] == NmtState.OPERATIONAL:
             self._command(p, NmtCommand.PRE_OPERATIONAL)
         if self.table.state[p] != PatchState.WRONG:
@@ -440,6 +439,11 @@ AFTER = {
     NmtCommand.RESET_COMMUNICATION: PatchState.BOOTING,
 }
 """What a patch is after an NMT command: one that is not operational has to be booted again."""
+
+
+def _delay_s(n: int) -> int:
+    """Return the delay (s) after the n-th failure in a row."""
+    return DELAYS_S[min(n, len(DELAYS_S)) - 1]
 
 
 class PassiveMonitor:
