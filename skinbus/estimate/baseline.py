@@ -72,7 +72,8 @@ CLIP: Final = 3.0
 CLIPPED_VARIANCE: Final = 0.9950
 """Mean of min(z^2, 9) for a standard normal z."""
 NOISE_LEAST: Final = 0.1
-"""Least noise, share of the declared one: quantised readings may show none at all."""
+"""Least noise of a tactel with a zero, share of the declared one: quantised readings may show none at all.
+Without a zero it is at least the declared one."""
 NOISE_S: Final = 10.0
 """Time constant of the noise estimate, s; sooner after the start it is the mean of all readings."""
 YOUNG_CYCLES: Final = 50
@@ -394,7 +395,8 @@ class Baseline:
         self._quick += np.where(free, gain * quick, 0.0)
         below = np.minimum(e * e, most) / CLIPPED_VARIANCE - self._below
         self._below += np.where(free & self._zeroed & (e < 0.0), gain * below, 0.0)
-        variance = np.maximum(np.maximum(self._quick, self._below), NOISE_LEAST**2 * self._declared2)
+        least = np.where(self._zeroed, NOISE_LEAST**2, 1.0) * self._declared2
+        variance = np.maximum(np.maximum(self._quick, self._below), least)
         if self._is_young:
             young = (self._noise_n > 0) & (self._noise_n < YOUNG_CYCLES)
             self._is_young = bool((self._healthy & (self._noise_n < YOUNG_CYCLES)).any())
