@@ -495,28 +495,28 @@ def _price(
         _check_contact(contacts[j], surface)
     for i in range(len(tracks)):
         t = tracks[i]
-        is_live = t.identity != 0 and t.state != LIFT
-        on = surface_of(surface, t.link)
+        is_live = t["identity"] != 0 and t["state"] != LIFT
+        on = surface_of(surface, t["link"])
         if is_live:
             _predict(t, on, dt)
         for j in range(n):
             c = contacts[j]
             away[i, j] = np.inf
-            if is_live and c.usable and c.link == t.link:
-                away[i, j] = distance(on, t.mean[0], t.mean[1], c.z[0], c.z[1])
+            if is_live and c["usable"] and c["link"] == t["link"]:
+                away[i, j] = distance(on, t["mean"][0], t["mean"][1], c["z"][0], c["z"][1])
     for j in range(n):
         near, c = 0, contacts[j]
         for i in range(len(tracks)):
             near += away[i, j] <= CROWD
-        c.crowded = near > 1
+        c["crowded"] = near > 1
         if near > 1:  # errors of contacts that are near others are common, and no covariance says so
-            c.R[0, 0] += SIGMA_CROWD**2
-            c.R[1, 1] += (SIGMA_CROWD / _scale_of_a(surface_of(surface, c.link), c.z[0])) ** 2
-            c.R[2, 2] += (FORCE_CROWD * c.z[2]) ** 2
+            c["R"][0, 0] += SIGMA_CROWD**2
+            c["R"][1, 1] += (SIGMA_CROWD / _scale_of_a(surface_of(surface, c["link"]), c["z"][0])) ** 2
+            c["R"][2, 2] += (FORCE_CROWD * c["z"][2]) ** 2
         for i in range(len(tracks)):
             cost[i, j] = COST_NONE
             if away[i, j] < np.inf:
-                cost[i, j] = _pair_cost(tracks[i], c, surface_of(surface, c.link), away[i, j], t_ns)
+                cost[i, j] = _pair_cost(tracks[i], c, surface_of(surface, c["link"]), away[i, j], t_ns)
 
 
 @kernel
@@ -524,26 +524,26 @@ def _take(tracks: Rows, contacts: Rows, surface: Floats, dt: float, t_ns: int) -
     """Take in what tracks are seen as; correct the filters of those that do not share their contact."""
     for i in range(len(tracks)):
         t = tracks[i]
-        if t.identity == 0 or t.row < 0:
+        if t["identity"] == 0 or t["row"] < 0:
             continue
-        c, on, x = contacts[t.row], surface_of(surface, t.link), t.mean
-        t.s, t.a, t.force = c.z[0], c.z[1], c.z[2]
-        t.patch, t.missed, t.why, t.hider = c.patch, 0, SEEN, -1
-        t.seen_ns = t.shown_ns = t_ns
-        if dt > 0.0 and not t.shared:
+        c, on, x = contacts[t["row"]], surface_of(surface, t["link"]), t["mean"]
+        t["s"], t["a"], t["force"] = c["z"][0], c["z"][1], c["z"][2]
+        t["patch"], t["missed"], t["why"], t["hider"] = c["patch"], 0, SEEN, -1
+        t["seen_ns"] = t["shown_ns"] = t_ns
+        if dt > 0.0 and not t["shared"]:
             _correct(t, c, on, t_ns)
         scale2 = _scale_of_a(on, x[0]) ** 2
         speed2 = x[2] ** 2 + scale2 * x[3] ** 2
-        noise2 = max(t.covariance[2, 2], scale2 * t.covariance[3, 3])
-        least2 = SPEED_HELD**2 if t.moving else max(SPEED_MOVE**2, 9.0 * noise2)
-        t.moving = speed2 > least2
-        t.state = MOVE if t.moving else HELD
+        noise2 = max(t["covariance"][2, 2], scale2 * t["covariance"][3, 3])
+        least2 = SPEED_HELD**2 if t["moving"] else max(SPEED_MOVE**2, 9.0 * noise2)
+        t["moving"] = speed2 > least2
+        t["state"] = MOVE if t["moving"] else HELD
 
 
 @inner_kernel
 def _predict(t: Any, on: LinkSurface, dt: float) -> None:
     """Carry a track on by dt, s."""
-    x, P, scale = t.mean, t.covariance, _scale_of_a(on, t.mean[0])
+    x, P, scale = t["mean"], t["covariance"], _scale_of_a(on, t["mean"][0])
     for k in range(2):
         q = ACCELERATION if k == 0 else ACCELERATION / (scale * scale)
         x[k] += dt * x[k + 2]
@@ -561,8 +561,8 @@ def _miss_of(t: Any, c: Any, on: LinkSurface, slack: float) -> tuple[float, floa
 
     slack: more of a place error, m
     """
-    P, R, scale = t.covariance, c.R, _scale_of_a(on, t.mean[0])
-    ds, da = c.z[0] - t.mean[0], wrap(c.z[1] - t.mean[1], on.period)
+    P, R, scale = t["covariance"], c["R"], _scale_of_a(on, t["mean"][0])
+    ds, da = c["z"][0] - t["mean"][0], wrap(c["z"][1] - t["mean"][1], on.period)
     css, csa = P[0, 0] + R[0, 0] + slack * slack, R[0, 1]
     caa = P[1, 1] + R[1, 1] + (slack / scale) ** 2
     det = css * caa - csa * csa
@@ -572,17 +572,17 @@ def _miss_of(t: Any, c: Any, on: LinkSurface, slack: float) -> tuple[float, floa
 @inner_kernel
 def _correct(t: Any, c: Any, on: LinkSurface, t_ns: int) -> None:
     """Correct the filter of a track by a contact, unless it is the first that is off its line."""
-    x, P, R = t.mean, t.covariance, c.R
+    x, P, R = t["mean"], t["covariance"], c["R"]
     ds, da, d2, _ = _miss_of(t, c, on, 0.0)
-    if d2 > GATE and not c.crowded:
-        if not t.doubted:  # a contact at a seam may be wrong by more than it says: wait for the next
-            t.doubted = True
+    if d2 > GATE and not c["crowded"]:
+        if not t["doubted"]:  # a contact at a seam may be wrong by more than it says: wait for the next
+            t["doubted"] = True
             return
         for k in range(5):  # a manoeuvre: forget the past in the measure that it was wrong
             for m in range(5):
                 P[k, m] *= d2 / GATE
-    t.doubted = False
-    t.updated_ns = t_ns
+    t["doubted"] = False
+    t["updated_ns"] = t_ns
     for k in range(2):
         y, r, v = ds if k == 0 else da, R[k, k], k + 2
         total = P[k, k] + r
@@ -594,7 +594,7 @@ def _correct(t: Any, c: Any, on: LinkSurface, t_ns: int) -> None:
         most = CORRELATION_MOST * math.sqrt(P[k, k] * P[v, v])
         P[k, v] = P[v, k] = min(max(P[k, v] * r / total, -most), most)
     total = P[4, 4] + R[2, 2]
-    x[4] += P[4, 4] / total * (c.z[2] - x[4])
+    x[4] += P[4, 4] / total * (c["z"][2] - x[4])
     P[4, 4] *= R[2, 2] / total
     x[1] = wrap(x[1], on.period)
 
@@ -602,16 +602,16 @@ def _correct(t: Any, c: Any, on: LinkSurface, t_ns: int) -> None:
 @inner_kernel
 def _check_contact(c: Any, surface: Floats) -> None:
     """Note whether a contact can be used, and bring its covariance between floor and ceiling."""
-    R, s, force, known = c.R, c.z[0], c.z[2], math.isfinite(c.R[0, 1])
-    c.track = -1
-    ok = abs(s) < FAR and abs(c.z[1]) < FAR and 0.0 <= force < 1e6 * FAR  # false for NaN
-    c.usable = ok and 0 <= c.link < len(surface)
-    if not c.usable:
+    R, s, force, known = c["R"], c["z"][0], c["z"][2], math.isfinite(c["R"][0, 1])
+    c["track"] = -1
+    ok = abs(s) < FAR and abs(c["z"][1]) < FAR and 0.0 <= force < 1e6 * FAR  # false for NaN
+    c["usable"] = ok and 0 <= c["link"] < len(surface)
+    if not c["usable"]:
         return
     for k in range(3):
         known = known and 0.0 < R[k, k] < np.inf
     rho = R[0, 1] / math.sqrt(R[0, 0] * R[1, 1]) if known else 0.0
-    unit = 1.0 / _scale_of_a(surface_of(surface, c.link), s)
+    unit = 1.0 / _scale_of_a(surface_of(surface, c["link"]), s)
     unknown = SIGMA_UNKNOWN, unit * SIGMA_UNKNOWN, FORCE_UNKNOWN * force + 0.05
     least = SIGMA_FLOOR, unit * SIGMA_FLOOR, FORCE_FLOOR * (force + 1.0)
     most = SIGMA_CEILING, unit * SIGMA_CEILING, force + 1.0
@@ -630,12 +630,12 @@ def _scale_of_a(on: LinkSurface, s: float) -> float:
 @inner_kernel
 def _pair_cost(t: Any, c: Any, on: LinkSurface, away: float, t_ns: int) -> float:
     """Return what it costs to take a contact that is so far away (m) for a track, COST_NONE at most."""
-    slack = min(MANOEUVRE * 1e-9 * (t_ns - t.updated_ns), MANOEUVRE_MOST)
+    slack = min(MANOEUVRE * 1e-9 * (t_ns - t["updated_ns"]), MANOEUVRE_MOST)
     _, _, d2, det = _miss_of(t, c, on, slack)
     if d2 <= GATE and away <= REACH:
-        df2 = (c.z[2] - t.mean[4]) ** 2 / (t.covariance[4, 4] + c.R[2, 2])
+        df2 = (c["z"][2] - t["mean"][4]) ** 2 / (t["covariance"][4, 4] + c["R"][2, 2])
         cost = d2 + min(df2, FORCE_MOST) + math.log(det * 1e12)  # mm^2
-        return float(cost + COST_HIDDEN) if t.hider >= 0 else float(cost)
-    if t.hider < 0:
-        away = min(away, distance(on, t.s, t.a, c.z[0], c.z[1]))
+        return float(cost + COST_HIDDEN) if t["hider"] >= 0 else float(cost)
+    if t["hider"] < 0:
+        away = min(away, distance(on, t["s"], t["a"], c["z"][0], c["z"][1]))
     return COST_AGAIN + 100.0 * away if away < AGAIN_REACH else COST_NONE
