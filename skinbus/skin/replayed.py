@@ -147,12 +147,14 @@ def _buses_of(arm: Arm, channels: Sequence[str], seen: Mapping[str, int], log: s
             name = settings.channel
         if name is None and len(arm.buses) == len(seen) == 1:
             (name,) = seen
-        if name is None or name in names:
-            how, of = ("--channel (channel=... in Python)", "meant")
-            if len(arm.buses) > 1:
-                how, of = how_to_say(settings), f"bus {settings.name}"
-            faults.append(f"say by {how} which of them is {of}")
-        names.append(name or "")
+        if name is None and len(arm.buses) == 1:
+            faults.append("say by --channel (channel=... in Python) which of them is meant")
+        elif name is None:
+            faults.append(f"say by {how_to_say(settings)} which of them bus {settings.name} is")
+        elif name in names:
+            faults.append(f"bus {settings.name} is on {name}, as another bus is")
+        else:
+            names.append(name)
     if faults:
         raise AddressError(f"{log} begins with {there}: {'; '.join(faults)}")
     return {name: k for k, name in enumerate(names)}
