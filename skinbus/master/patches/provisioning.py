@@ -175,8 +175,6 @@ class Provisioned:
     """Objects downloaded."""
     is_restored: bool = False
     """Its defaults were restored, since it held a configuration of another arm file."""
-    serial: int = 0
-    """Serial number, if that was asked for; 0 for none."""
     error: int = 0
     """EMCY code of its last error, if that was asked for; 0 for none."""
 
@@ -208,8 +206,7 @@ def provision(plan: ExpectedNode, task: Task, *, is_restored: bool = False) -> S
     try:
         done = yield from _provision(plan, task, is_restored=is_restored)
         if task is Task.BOOT and done.outcome.is_good:
-            serial = plan.identity.serial or (yield from _serial())
-            return replace(done, serial=serial, error=(yield from _last_error()))
+            return replace(done, error=(yield from _last_error()))
     except _EndedError as ended:
         return ended.result
     return done
@@ -282,11 +279,6 @@ def _check_identity(identity: Identity) -> Script[None]:
             if wanted[name] not in (0, seen):
                 reason = f"{what} is 0x{seen:X}, wanted 0x{wanted[name]:X}"
                 raise _EndedError(Provision.REFUSED, reason)
-
-
-def _serial() -> Script[int]:
-    reply = yield from _ask("serial number", cia.IDENTITY, cia.IDENTITY_SERIAL, tolerates=ANY)
-    return int.from_bytes(reply.data, "little")
 
 
 def _last_error() -> Script[int]:

@@ -48,6 +48,9 @@ so those of many boards that start together come one by one; 20 frame times at 1
 RETRY_NS = 1_000_000_000
 """Pause between attempts to reach a patch that does not answer: long against a boot."""
 
+NAMED_NS = 1_000_000_000
+"""After its start, when a patch is asked for its serial number: the start of many takes no longer for it."""
+
 HEARTBEAT_FACTOR = 3.0
 """A patch is lost after this many heartbeat periods; the factor of lely's dcfgen (heartbeat_multiplier)."""
 
@@ -89,7 +92,7 @@ class Supervisor:
         self._sessions: Sessions[Ended] = Sessions(timeouts)
         self._ready: list[int] = []  # booted, and not started yet
         self._hold_until = 0
-        self._has_booted, self._is_restored = np.zeros((2, n), np.bool_)
+        self._has_booted, self._is_restored, self._is_unnamed = np.zeros((3, n), np.bool_)
         self._retry_at, self._reset_at = np.full((2, n), NEVER)
         self._started_at, self._not_before = np.zeros((2, n), np.int64)
         self._n_unstable, self._n_doubled = np.zeros((2, n), np.int64)
@@ -220,6 +223,8 @@ class Supervisor:
             elif len(self._doubts.get(p, ())) >= N_DOUBTS:
                 why = "readings came twice in a cycle: two boards?"
                 self._refuse(now_ns, p, EventKind.PATCH_DOUBLED, why)
+            elif any(result.serials):
+                self._named(now_ns, p, result.serials[0])
 
     def readings(
         self, now_ns: int, owing: Mask, fresh: Mask, bad_length: npt.NDArray[np.int32]
@@ -339,11 +344,6 @@ class Supervisor:
         before, outcome = self.table.state[p], result.outcome
         if outcome.is_good:
             self._is_restored[p] = False
-            old, new = int(self.table.serial[p]), result.serial
-            if 0 not in (old, new) and old != new:
-                detail = f"serial number {new} in place of {old}"
-                self._report(now_ns, EventKind.PATCH_REPLACED, p, detail=detail)
-            self.table.serial[p] = new or old
             self._ready.append(p)
             if result.n_written:
                 self._report(now_ns, EventKind.PATCH_CONFIGURED, p, detail=f"{result.n_written} objects")
@@ -376,7 +376,7 @@ class Supervisor:
         self.table.nmt[p] = NmtState.OPERATIONAL
         self.table.last_heard[p] = self._started_at[p] = now_ns
         self._doubts.pop(p, None)
-        self._n_doubled[p] = 0
+        self._n_doubled[p], self._is_unnamed[p] = 0, True
         self._command(p, NmtCommand.START)
         self._report(now_ns, EventKind.PATCH_STARTED, p)
         if self._is_lost[p]:
@@ -403,6 +403,19 @@ class Supervisor:
         for p in np.flatnonzero(lost).tolist():
             self.table.enter(p, PatchState.SILENT)
             self._report(now_ns, EventKind.HEARTBEAT_LOST, p)
+        unnamed = self._is_unnamed & self.table.is_running & (now_ns - self._started_at >= NAMED_NS)
+        if unnamed.any() and not self._sessions:  # one at a time, when nothing else is asked
+            p = int(unnamed.argmax())
+            self._is_unnamed[p] = False
+            self._ask(now_ns, p, ask_boards(self._plans[p].node_id))
+
+    def _named(self, now_ns: int, p: int, serial: int) -> None:
+        """Take the serial number of patch p; another board may have its place since it ran last."""
+        before = int(self.table.serial[p])
+        if before and before != serial:
+            detail = f"serial number {serial} in place of {before}"
+            self._report(now_ns, EventKind.PATCH_REPLACED, p, detail=detail)
+        self.table.serial[p] = serial
 
     def _late(self, now_ns: int) -> Mask:
         """Return which patches owe a heartbeat for too long, (n_patches,)."""

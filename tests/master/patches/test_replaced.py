@@ -17,7 +17,7 @@ def test_a_board_that_was_replaced_is_named_in_event_and_health():
     master = Master(load_arm("pad"), level="kmeans", on_cycle=lambda report: health.observe(report))
     health = Health(master.cycle)
     bench.wire.attach(master, on_event=events.append)
-    bench.pass_ms(1000)
+    bench.pass_ms(3000)
     health.records["samples"] = 7
     bench.wire.detach(bench.ports[0])
     bench.wire.attach(patch(1, serial=12))
