@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -60,13 +61,15 @@ def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
 def ods_of(arm: Arm) -> list[ObjectDictionary]:
     """Return the object dictionaries of the patches of an arm, each on its node-ID.
 
+    Equal patches on several buses share one.
+
     Raises:
         EdsError: a patch names an EDS that does not exist or has faults.
         ValueError: the EDS of a patch describes another number of tactels than the arm has.
     """
-    ods = []
+    ods, load = [], _loader()
     for placed in arm.patches:
-        od = load_eds(placed.eds, placed.node_id, settings=placed.settings, serial=placed.serial)
+        od = load(placed.eds, placed.node_id, placed.settings, placed.serial)
         n_tactels = current(look_up(od, TACTEL_COUNT))
         if n_tactels != placed.patch.n_tactels:
             raise ValueError(f"{placed.eds} has {n_tactels!r} tactels; the arm has {placed.patch.n_tactels}")
@@ -76,7 +79,7 @@ def ods_of(arm: Arm) -> list[ObjectDictionary]:
 
 def _place(file: ArmFile, faults: FaultList) -> tuple[list[PlacedPatch], list[ObjectDictionary]]:
     """Return placed patches and their dictionaries; a fault of an EDS of several is said once."""
-    placed, ods = [], []
+    placed, ods, load = [], [], _loader()
     known: dict[tuple[str, Settings], Patch | None] = {}
     for mounting in file.mountings:
         if faults.n_more:  # ten of a kind are listed; each board takes a while
@@ -85,7 +88,7 @@ def _place(file: ArmFile, faults: FaultList) -> tuple[list[PlacedPatch], list[Ob
         try:
             if (counter := file.buses[0].sync_counter) and cia.SYNC_COUNTER_OVERFLOW in load_eds(eds, 1):
                 settings = ((f"0x{cia.SYNC_COUNTER_OVERFLOW:04X}", counter), *settings)
-            od = load_eds(eds, mounting.node_id, settings=settings, serial=mounting.serial)
+            od = load(eds, mounting.node_id, settings, mounting.serial)
             if (eds, settings) not in known:
                 known[eds, settings] = describe_patch(od, eds)
         except EdsError as error:
@@ -110,6 +113,13 @@ def _place(file: ArmFile, faults: FaultList) -> tuple[list[PlacedPatch], list[Ob
                 )
             )
     return placed, ods
+
+
+def _loader() -> Callable[[str, int, Settings, int], ObjectDictionary]:
+    """Return ``load_eds`` with a memory: the same board on the same node-ID is read once."""
+    return cache(
+        lambda eds, node_id, settings, serial: load_eds(eds, node_id, settings=settings, serial=serial)
+    )
 
 
 def _at(mounting: Mounting, eds: str, fault: Fault) -> Fault:
