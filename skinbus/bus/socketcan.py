@@ -22,9 +22,10 @@ from skinbus.bus.socketcan_babble import BabbleWatch, BacklogDrops, Statistic
 from skinbus.bus.socketcan_batch import (
     CAN_RAW_ERR_FILTER,
     CANFD_MTU,
+    CHUNK,
     BatchReader,
+    BatchWriter,
     filters,
-    pack,
     raise_receive_buffer,
     to_frames,
 )
@@ -76,6 +77,7 @@ class SocketCanBus(Bus):
         self._data_ids: frozenset[int] = frozenset()
         self._control = self._open(None)
         self._reader = BatchReader(self._control, self.clock, MAX_CONTROL)
+        self._writer = BatchWriter(self._control)
         self._data: socket.socket | None = None
         self._data_reader: BatchReader | None = None
         self.batch = FrameBatch(1)
@@ -160,11 +162,26 @@ class SocketCanBus(Bus):
         """
         fit = [frame for frame in frames if self.fits(frame)]
         self.n_refused += len(frames) - len(fit)
-        n_before, given_up = self.n_sent, 0
-        for k, frame in enumerate(fit):
-            if not self._send_one(pack(frame)):
-                given_up = len(fit) - k
-                break
+        n_before, first, give_up_s = self.n_sent, 0, 0.0
+        while first < len(fit):
+            try:
+                n = self._writer.write(fit[first : first + CHUNK])
+            except OSError as error:
+                if error.errno in BAD_FRAME:
+                    self.n_refused += 1
+                    first += 1
+                    continue
+                if error.errno not in _FULL:
+                    raise BusError(f"{self}: sending failed: {error}") from error
+                now_s = time.monotonic()
+                give_up_s = give_up_s or now_s + (0.0 if self._stuck else SEND_PATIENCE_S)
+                if now_s >= give_up_s:
+                    break
+                time.sleep(RETRY_S)
+            else:
+                first, give_up_s = first + n, 0.0
+                self.n_sent += n
+        given_up = len(fit) - first
         self.n_lost += given_up
         self._stuck = given_up > 0 or (self._stuck and self.n_sent == n_before)
         if given_up:
@@ -172,25 +189,6 @@ class SocketCanBus(Bus):
         if not self._stuck:
             self._faults.send_queue_free()
         return self.n_sent - n_before
-
-    def _send_one(self, data: bytes) -> bool:
-        """Send and count; False if the queue stays full: for that it waits no longer once it was in vain."""
-        give_up_s = time.monotonic() + (0.0 if self._stuck else SEND_PATIENCE_S)
-        while True:
-            try:
-                self._control.send(data)
-            except OSError as error:
-                if error.errno in BAD_FRAME:
-                    self.n_refused += 1
-                    return True
-                if error.errno not in _FULL:
-                    raise BusError(f"{self}: sending failed: {error}") from error
-                if time.monotonic() >= give_up_s:
-                    return False
-                time.sleep(RETRY_S)
-            else:
-                self.n_sent += 1
-                return True
 
     def close(self) -> None:
         """Let go of the interface; a second call does nothing."""

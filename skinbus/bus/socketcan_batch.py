@@ -1,4 +1,4 @@
-"""Many frames with one system call: a reader into arrays that are allocated once."""
+"""Many frames with one system call: a reader into, and a writer from, arrays that are allocated once."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import socket
 import struct
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -66,6 +66,7 @@ IOV_DTYPE: Final = np.dtype([("base", "<u8"), ("length", "<u8")])
 
 _libc = ctypes.CDLL(None, use_errno=True)
 _libc.recvmmsg.argtypes = [ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p]
+_libc.sendmmsg.argtypes = [ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int]
 
 
 def receive_messages(fd: int, address: int, n: int) -> int:
@@ -79,12 +80,21 @@ def receive_messages(fd: int, address: int, n: int) -> int:
     raise OSError(code, os.strerror(code))
 
 
+def send_messages(fd: int, address: int, n: int) -> int:
+    """Send n messages from the headers at an address; how many went out, OSError if not even the first."""
+    sent: int = _libc.sendmmsg(fd, address, n, MSG_DONTWAIT)
+    if sent >= 0:
+        return sent
+    code = ctypes.get_errno()
+    raise OSError(code, os.strerror(code))
+
+
 def address_of(array: npt.NDArray[Any]) -> int:
     """Address of an array's first element."""
     return int(array.__array_interface__["data"][0])
 
 
-def headers(frames: npt.NDArray[Any], control: npt.NDArray[np.uint8]) -> tuple[Any, Any]:
+def headers(frames: npt.NDArray[Any], control: npt.NDArray[np.uint8] | None) -> tuple[Any, Any]:
     """Message headers and vectors that point into rows of frames and of control bytes."""
     n = len(frames)
     vectors = np.zeros(n, IOV_DTYPE)
@@ -93,8 +103,9 @@ def headers(frames: npt.NDArray[Any], control: npt.NDArray[np.uint8]) -> tuple[A
     messages = np.zeros(n, MESSAGE_DTYPE)
     messages["iov"] = address_of(vectors) + np.arange(n) * vectors.itemsize
     messages["n_iov"] = 1
-    messages["control"] = address_of(control) + np.arange(n) * CONTROL_BYTES
-    messages["control_length"] = CONTROL_BYTES
+    if control is not None:
+        messages["control"] = address_of(control) + np.arange(n) * CONTROL_BYTES
+        messages["control_length"] = CONTROL_BYTES
     return messages, vectors
 
 
@@ -267,16 +278,42 @@ class BatchReader:
             self._pointed = first
 
 
-def pack(frame: Frame) -> bytes:
-    """The frame as struct can_frame or canfd_frame."""
+class BatchWriter:
+    """Writes frames to a raw CAN socket, up to ``CHUNK`` per system call."""
+
+    def __init__(self, sock: socket.socket) -> None:
+        self._fd = sock.fileno()
+        self._memory = bytearray(CHUNK * CANFD_MTU)
+        rows = np.frombuffer(self._memory, FRAME_DTYPE)
+        self._messages, self._vectors = headers(rows, None)
+        self._address = address_of(self._messages)
+        self._lengths = np.zeros(CHUNK, np.uint64)
+
+    def write(self, frames: Sequence[Frame]) -> int:
+        """Send at most ``CHUNK`` frames, all of which are fit to be sent; how many went out.
+
+        Raises:
+            OSError: not even the first could be sent; the number says why.
+        """
+        n = min(len(frames), CHUNK)
+        for i in range(n):
+            frame = frames[i]
+            _FRAME.pack_into(self._memory, i * CANFD_MTU, *to_kernel(frame))
+            self._lengths[i] = CANFD_MTU if frame.flags & FD else CAN_MTU
+        self._vectors["length"][:n] = self._lengths[:n]
+        return send_messages(self._fd, self._address, n)
+
+
+def to_kernel(frame: Frame) -> tuple[int, int, int, bytes]:
+    """Fields of struct canfd_frame: identifier with flags, length, FD flags, data."""
     can_id, data, _, flags, _ = frame
-    if flags & EXTENDED:
-        can_id |= EFF_FLAG
-    length = len(data)
-    if flags & RTR:
-        can_id, data = can_id | RTR_FLAG, b""
-    said = bool(flags & BRS) | bool(flags & ESI) << 1
-    return _FRAME.pack(can_id, length, said, data)[: CANFD_MTU if flags & FD else CAN_MTU]
+    if flags:
+        if flags & EXTENDED:
+            can_id |= EFF_FLAG
+        if flags & RTR:
+            return can_id | RTR_FLAG, len(data), 0, b""
+        return can_id, len(data), bool(flags & BRS) | bool(flags & ESI) << 1, data
+    return can_id, len(data), 0, data
 
 
 def to_frames(batch: FrameBatch) -> list[Frame]:
