@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from itertools import combinations_with_replacement
+from pathlib import Path
 from typing import Any, Final, NamedTuple, TextIO
 
 import numpy as np
@@ -13,12 +14,14 @@ import numpy.typing as npt
 
 from skinbus.can.event import Event
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted, words_of
+from skinbus.cli.formatting import counted, nodes_by_bus, words_of
+from skinbus.cli.host import compiling
 from skinbus.cli.output import echo
 from skinbus.master import CycleReport
 from skinbus.master.replay import Replay
 from skinbus.model import Arm
 from skinbus.skin.contact import Contact
+from skinbus.skin.cycle import Cycle
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.replayed import Recording
 
@@ -29,10 +32,10 @@ READING: Final = np.dtype(
         *((name, "u1") for name in ("bus", "node_id", "link", "tactel")),
         ("counts", "<i4"),
         ("pressure_pa", "<f8"),
-        ("zeroed_pa", "<f4"),
+        *((name, "<f4") for name in ("zeroed_pa", "x", "y", "z")),
     ]
 )
-"""A reading; ``zeroed_pa`` is NaN where the master did not use it."""
+"""A reading; ``zeroed_pa`` is NaN where the master did not use it; x, y, z are m in the frame of the link."""
 SHOWN_EVERY: Final = 100
 """Cycles, after which the progress is shown."""
 COVARIANCES: Final = dict(
@@ -45,21 +48,13 @@ COVARIANCES: Final = dict(
 
 
 class RecordedCycle(NamedTuple):
-    """One cycle of a recording."""
+    """One cycle of a recording; its own times count from the first frame."""
 
-    number: int
-    """Counts from 1."""
-    counter: int
-    """Of its SYNC."""
+    cycle: Cycle
     t_ns: int
     """Of its SYNC, ns since 1970."""
-    t_s: float
-    """The same, since the first frame."""
-    tactels: npt.NDArray[np.intp]
-    """(n_readings,) numbers within the arm of the tactels that were read."""
     readings: npt.NDArray[Any]
     """(n_readings,) of READING."""
-    contacts: tuple[Contact, ...]
 
 
 class Recorded:
@@ -67,9 +62,10 @@ class Recorded:
 
     def __init__(
         self,
-        log: str | TextIO,
+        log: str | Path | TextIO,
         arm: Arm,
         channels: Sequence[str],
+        console: Console,
         *,
         level: str,
         zero: bool,
@@ -81,20 +77,27 @@ class Recorded:
             ConfigError: the log cannot be read, holds no frame, or its times are none.
             AddressError: which interface is which bus cannot be decided.
         """
-        self.recording = Recording(log, arm, channels)
-        self.arm = arm = self.recording.arm
-        self.replay = Replay(
-            arm, sync_bus=self.recording.sync.bus, on_cycle=self._on_cycle, on_event=on_event, level=level,
-            zero_at_start=zero,
-        )  # fmt: skip
-        self.n_cycles = self.n_readings = self.n_contacts = 0
+        self._console, self._new = console, deque[RecordedCycle]()
+        with compiling(console):
+            self.recording = Recording(log, arm, channels)
+            self.arm = arm = self.recording.arm
+            self.replay = Replay(
+                arm,
+                sync_bus=self.recording.sync.bus,
+                on_cycle=self._on_cycle,
+                on_event=on_event,
+                level=level,
+                zero_at_start=zero,
+            )
         self._maker = CycleMaker(arm)
-        self._new: deque[RecordedCycle] = deque()
         patch = arm.tactel_patch
-        self._tactels = np.zeros(arm.n_tactels, READING)
-        self._tactels["bus"], self._tactels["node_id"] = arm.patch_bus[patch], arm.node_id[patch]
-        self._tactels["link"] = arm.tactel_link
-        self._tactels["tactel"] = np.arange(arm.n_tactels) - arm.patch_start[patch] + 1
+        rows = self._tactels = np.zeros(arm.n_tactels, READING)
+        rows["bus"], rows["node_id"], rows["link"] = arm.patch_bus[patch], arm.node_id[patch], arm.tactel_link
+        rows["tactel"] = np.arange(arm.n_tactels) - arm.patch_start[patch] + 1
+        for k, link in enumerate(arm.links):
+            here = np.flatnonzero(arm.tactel_link == k)
+            points, _ = link.surface.position(arm.tactel_s[here], arm.tactel_a[here])
+            rows["x"][here], rows["y"][here], rows["z"][here] = points.T
         steps = np.array([placed.patch.transducer.step for placed in arm.patches])
         self._scale = steps[patch] * arm.tactel_gain
 
@@ -103,14 +106,14 @@ class Recorded:
         """Time since the first frame, s."""
         return 1e-9 * self.replay.timeline.now_ns
 
-    def cycles(self, console: Console) -> Iterator[RecordedCycle]:
+    def __iter__(self) -> Iterator[RecordedCycle]:
         """Go through them, and show on a terminal how far it is."""
-        with console.status("") if console.is_terminal else nullcontext() as status:
+        with self._console.status("") if self._console.is_terminal else nullcontext() as status:
             for frame in self.recording:
                 self.replay.take(frame)
                 while self._new:
-                    yield self._new.popleft()
-                    if status and self.n_cycles % SHOWN_EVERY == 0:
+                    yield (made := self._new.popleft())
+                    if status and made.cycle.number % SHOWN_EVERY == 0:
                         status.update(f"{self.recording.reader.name} ... {self.now_s:.0f} s")
             self.replay.end()
         yield from self._new
@@ -125,46 +128,39 @@ class Recorded:
         return False
 
     def summary(self) -> Iterator[str]:
-        """Return what became of frames and lines; what did not occur is left out."""
+        """Return what became of frames and lines, and who was silent; what did not occur is left out."""
         used, taken, reader = self.replay.master.gather.counters, self.replay.taken, self.recording.reader
         yield (
             f"readings: {counted(used.accepted, 'frame')} used, {used.late} late, {used.missing} missing, "
             f"{used.bad_length} of wrong length; {counted(taken.n_others, 'other frame')}"
         )
-        left_out = [
-            *(
-                counted(n, f"{kind} frame")
-                for kind, n in (("error", taken.n_error), ("remote", taken.n_remote))
-                if n
-            ),
-            *(f"{counted(n, 'frame')} of {name}" for name, n in sorted(self.recording.elsewhere.items())),
-        ]
+        others = [(n, "frame", f" of {name}") for name, n in sorted(self.recording.elsewhere.items())]
         if reader.first_strange:
-            n = counted(reader.n_strange, "line")
-            left_out.append(f"{n} without a frame, the first at {reader.first_strange.key}")
-        if reader.is_cut:
-            left_out.append("the last line, which is not whole")
+            others.append(
+                (reader.n_strange, "line", f" without a frame, the first at {reader.first_strange.key}")
+            )
+        kinds = [(taken.n_error, "error frame", ""), (taken.n_remote, "remote frame", ""), *others]
+        left_out = [counted(n, thing) + where for n, thing, where in kinds if n]
+        left_out += ["the last line, which is not whole"] * reader.is_cut
         if left_out:
             yield f"left out: {'; '.join(left_out)}"
         if reader.n_dropped:
             yield f"the recorder had no room for {counted(reader.n_dropped, 'frame')}"
         if n_jumps := self.replay.timeline.n_jumps:
             yield f"the clock of the log jumped {counted(n_jumps, 'time')}"
+        silent = self.replay.master.table.last_fresh == 0
+        for where in nodes_by_bus(self.arm, silent):
+            yield f"no readings of {where}"
 
     def _on_cycle(self, report: CycleReport) -> None:
-        cycle = self._maker.make(self.replay.master, report)
+        cycle, stamp_ns = self._maker.make(self.replay.master, report), self.replay.sync_stamp_ns
         (tactels,) = np.nonzero(report.fresh[self.arm.tactel_patch])
-        rows, used, t_ns = self._tactels[tactels], cycle.readings, self.replay.sync_stamp_ns
-        rows["t_ns"], rows["cycle"] = t_ns, cycle.number
+        rows, used = self._tactels[tactels], cycle.readings
+        rows["t_ns"], rows["cycle"] = stamp_ns, cycle.number
         rows["counts"] = self.replay.master.gather.counts[tactels]
         rows["pressure_pa"] = (rows["counts"] - self.arm.tactel_offset[tactels]) * self._scale[tactels]
         rows["zeroed_pa"] = np.where(used.valid, used.pressures, np.nan)[tactels]
-        self.n_cycles += 1
-        self.n_readings += len(rows)
-        self.n_contacts += len(cycle.contacts)
-        self._new.append(
-            RecordedCycle(cycle.number, cycle.counter, t_ns, 1e-9 * cycle.t_ns, tactels, rows, cycle.contacts)
-        )
+        self._new.append(RecordedCycle(cycle, stamp_ns, rows))
 
 
 def values_of(contact: Contact) -> dict[str, Any]:

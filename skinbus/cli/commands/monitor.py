@@ -23,9 +23,9 @@ from skinbus.cli.stop_signals import Ending
 from skinbus.config.system import load_arm
 from skinbus.master.level_control import CycleFlags
 from skinbus.model import Arm, BusSettings
+from skinbus.objects.profile import MASTER_NODE_ID
 from skinbus.skin.addresses import BusAddress, channels_by_name, find_places
 from skinbus.skin.listener import ContactRow, Listener, why_not_of
-from skinbus.view.latency import LatencyLog
 from skinbus.view.table import contact_table
 
 POLL_S = 0.1
@@ -42,18 +42,12 @@ DOUBTS = {
 @click.command()
 @click.argument("arm", required=False)
 @buses_options
-@click.option(
-    "--node-id", default=127, show_default=True, type=click.IntRange(1, 127), help="Node-ID of the master."
-)
-@click.option("--latency", "shows_latency", is_flag=True, help="Also show how old contacts are.")
 @click.option("--json-lines", "is_stream", is_flag=True, help="Print a line of JSON for every cycle instead.")
 @seconds_option
 @json_option
 def command(
     arm: str | None,
     where: BusesWords,
-    node_id: int,
-    shows_latency: bool,
     is_stream: bool,
     seconds: float | None,
     json_file: JsonFile | None,
@@ -66,16 +60,15 @@ def command(
     \b
     Examples:
       skinbus monitor --channel can0
-      skinbus monitor forearm --channel can0 --latency
+      skinbus monitor forearm --channel can0
       skinbus monitor arm-two-buses -c upper=can0 -c lower=can1
       skinbus monitor forearm --json-lines | jq -c .contacts
     """
     loaded = load_arm(arm, check_load=False) if arm else None
     links = tuple(link.name for link in loaded.links) if loaded else ()
-    clock, listener, latency = MonotonicClock(), Listener(node_id), LatencyLog(node_id)
+    clock, listener = MonotonicClock(), Listener(MASTER_NODE_ID)
     console, why_not = Console(), None
     is_live = console.is_terminal and not is_stream
-    ages = latency if shows_latency else None
     with (
         Ending() as ending,
         closing(place_of(loaded, where).open()) as bus,
@@ -84,22 +77,20 @@ def command(
         end = time.monotonic() + seconds if seconds else float("inf")
         while time.monotonic() < end and not ending.asked:
             frames = [frame for frame in bus.receive(POLL_S) if not frame.flags]
-            latency.take(frames)
             for line in cycles(listener, clock, frames, links):
                 if is_stream:
                     echo(json.dumps(line))
             if loaded and frames and not why_not:
                 why_not = why_not_of(loaded, listener.summary, listener.rows(clock.now_ns()))
             if live:
-                live.update(_screen(listener, clock.now_ns(), ages, links))
+                live.update(_screen(listener, clock.now_ns(), links))
     if not is_stream and not live:
-        console.print(_screen(listener, clock.now_ns(), ages, links))
+        console.print(_screen(listener, clock.now_ns(), links))
     if json_file:
         contacts = rows_of(listener.rows(clock.now_ns()), links)
-        said = {"contacts": contacts, "latency_ms": _spreads(latency)}
-        json_file.write({"cycles": listener.n_summaries, **said})
+        json_file.write({"cycles": listener.n_summaries, "contacts": contacts})
     if not listener.n_summaries:
-        echo(f"nothing of a master was received: does one run on this bus, with node-ID {node_id}?", err=True)
+        echo("nothing of a master was received: does one run on this bus?", err=True)
     if why_not:
         echo(f"this master is not of {arm}, or of another version of its file: {why_not}", err=True)
     if why_not or not listener.n_summaries:
@@ -147,8 +138,8 @@ def rows_of(rows: Sequence[ContactRow], links: Sequence[str]) -> list[dict[str, 
     ]
 
 
-def _screen(listener: Listener, now_ns: int, latency: LatencyLog | None, links: tuple[str, ...]) -> Group:
-    """Return what is shown: the summary line, the table of contacts, and latencies if they are wanted."""
+def _screen(listener: Listener, now_ns: int, links: tuple[str, ...]) -> Group:
+    """Return what is shown: the summary line and the table of contacts."""
     s = listener.summary
     if s is None or now_ns - listener.last_heard_ns > SILENT_NS:
         head = Text("waiting for a master ...", style="yellow")
@@ -159,19 +150,4 @@ def _screen(listener: Listener, now_ns: int, latency: LatencyLog | None, links: 
         )
         for flag, text in DOUBTS.items():
             head.append(f"\n{text}" if s.flags & flag else "", style="yellow")
-    parts: list[Any] = [head, contact_table(listener.rows(now_ns), links)]
-    if latency is not None:
-        lines = [
-            f"{name.partition('_')[0]:>5} to contact, ms: "
-            + "".join(f"{key} {value:.1f}  " for key, value in spread.items())
-            + f"({latency.n_cycles} cycles)"
-            for name, spread in _spreads(latency).items()
-        ]
-        parts.append(Text("\n".join(["", *(lines or ["latency: no contact yet"])])))
-    return Group(*parts)
-
-
-def _spreads(latency: LatencyLog) -> dict[str, Any]:
-    """Return how old contacts are since SYNC and since the touch."""
-    both = {"sync_to_contact": latency.sync_to_contact, "touch_to_contact": latency.touch_to_contact}
-    return {name: spread for name, bins in both.items() if (spread := latency.spread(bins))}
+    return Group(head, contact_table(listener.rows(now_ns), links))

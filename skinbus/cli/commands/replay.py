@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import math
 import sys
-from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
@@ -19,14 +18,13 @@ from skinbus.can.event import Event
 from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
-from skinbus.cli.formatting import counted, nodes, words_of
-from skinbus.cli.host import NOT_FOR_PEOPLE, compiling
+from skinbus.cli.formatting import counted, words_of
+from skinbus.cli.host import NOT_FOR_PEOPLE
 from skinbus.cli.options import Range, file_option, level_option, log_channels_option
 from skinbus.cli.output import echo
 from skinbus.cli.recorded import Recorded, RecordedCycle
 from skinbus.config.system import load_arm
 from skinbus.estimate import TrackState
-from skinbus.master.replay import Replay
 from skinbus.skin.contact import Contact
 
 COLUMNS: Final = (
@@ -89,24 +87,24 @@ def command(
             events.take(event)
 
     source = _standard_input() if log == "-" else log
-    with compiling(console):
-        recorded = Recorded(source, loaded, channels, level=level, zero=zero, on_event=on_event)
+    recorded = Recorded(source, loaded, channels, console, level=level, zero=zero, on_event=on_event)
     with open(out, "w", encoding="utf-8", newline="") if out else nullcontext() as file:
         table = csv.writer(file, lineterminator="\n") if file else None
         if table:
             table.writerow(COLUMNS)
-        for cycle in recorded.cycles(console):
-            if cycle.t_s > end_s:
+        for made in recorded:
+            cycle, t_s = made.cycle, 1e-9 * made.cycle.t_ns
+            if t_s > end_s:
                 break
-            now_s = max(now_s, cycle.t_s)
+            now_s = max(now_s, t_s)
             events.show()
-            n_cycles += cycle.t_s >= start_s
-            for contact in cycle.contacts if cycle.t_s >= start_s else ():
+            n_cycles += t_s >= start_s
+            for contact in cycle.contacts if t_s >= start_s else ():
                 if table:
-                    table.writerow(row_of(cycle, contact))
+                    table.writerow(row_of(made, contact))
                 if contact.state not in (TrackState.COAST, TrackState.LIFT):
-                    life = lives.setdefault(contact.identity, Life(contact, cycle.t_s))
-                    life.end_s, life.n_cycles = cycle.t_s, life.n_cycles + 1
+                    life = lives.setdefault(contact.identity, Life(contact, t_s))
+                    life.end_s, life.n_cycles = t_s, life.n_cycles + 1
                     life.firmest = max(life.firmest, contact, key=lambda one: one.force)
     events.show(all_of_it=True)
     rate_hz, said = recorded.arm.bus.rate_hz, ""
@@ -119,7 +117,7 @@ def command(
         console.table(TITLES, [life.row() for life in lives.values()])
     else:
         echo("no contacts")
-    for line in (*recorded.summary(), *silent_nodes(recorded.replay)):
+    for line in recorded.summary():
         echo(line)
     if out:
         echo(f"contacts of every cycle: {out}")
@@ -142,25 +140,15 @@ class Life:
         return one.id, one.link, *span, *place, f"{one.force:.2f}", self.n_cycles
 
 
-def row_of(cycle: RecordedCycle, contact: Contact) -> tuple[object, ...]:
+def row_of(made: RecordedCycle, contact: Contact) -> tuple[object, ...]:
     """Return a contact of a cycle as a row of COLUMNS."""
-    t_us = cycle.t_ns // 1000
+    t_us, cycle = made.t_ns // 1000, made.cycle
     doubts = "" if contact.quality is None else words_of(contact.quality)
     return (
-        f"{t_us // 1_000_000}.{t_us % 1_000_000:06d}", f"{cycle.t_s:.6f}", cycle.counter, contact.id,
+        f"{t_us // 1_000_000}.{t_us % 1_000_000:06d}", f"{1e-9 * cycle.t_ns:.6f}", cycle.counter, contact.id,
         contact.link, contact.state.name.lower(), f"{1e3 * contact.s:.2f}", f"{1e3 * contact.a:.2f}",
         f"{contact.force:.3f}", contact.level or "", doubts,
     )  # fmt: skip
-
-
-def silent_nodes(replay: Replay) -> Iterator[str]:
-    """Return by bus the patches that never sent all of their readings."""
-    arm, last_fresh = replay.master.arm, replay.master.table.last_fresh
-    for bus, settings in enumerate(arm.buses):
-        patches = arm.patches_on(bus)
-        if node_ids := arm.node_id[patches][last_fresh[patches] == 0].tolist():
-            where = f"{settings.name} " if len(arm.buses) > 1 else ""
-            yield f"no readings of {where}{nodes(node_ids)}"
 
 
 def _standard_input() -> TextIO:

@@ -6,7 +6,6 @@ import secrets
 import sys
 import time
 from collections import deque
-from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
@@ -14,13 +13,12 @@ from typing import Any, Final
 
 import click
 import numpy as np
-import numpy.typing as npt
 from rich.live import Live
 
 from skinbus.cli import output
 from skinbus.cli.attempts import Attempts
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted, nodes
+from skinbus.cli.formatting import counted, nodes_by_bus
 from skinbus.cli.host import REFRESH_S, Host, compiling
 from skinbus.cli.live import Screen
 from skinbus.cli.notify import Notifier
@@ -221,8 +219,9 @@ class Run:
             f"{counted(len(self._computes), 'cycle')}, {n_alive} of {counted(self._arm.n_patches, 'patch')} "
             f"alive; {pace.overruns} late, {pace.cut_short} cut short"
         )
-        for line in not_alive(self._arm, np.where(is_alive, -1, table.state)):
-            self.say(line, style="yellow")
+        for state in PatchState:
+            for where in nodes_by_bus(self._arm, ~is_alive & (table.state == state)):
+                self.say(f"{state.name.lower()}: {where}", style="yellow")
         if self._computes and not any_received:
             self.say(
                 "no patch has sent anything: are they on this bus, powered, at this bit rate?", style="yellow"
@@ -243,14 +242,3 @@ class Run:
             "level": pace.level,
             "cycle_us": {"p50": round(float(p50), 1), "p99": round(float(p99), 1)},
         }
-
-
-def not_alive(arm: Arm, state: npt.NDArray[np.integer[Any]]) -> Iterator[str]:
-    """Return for each state the patches in it; ``state`` is -1 for those that are alive."""
-    for one in PatchState:
-        for bus, settings in enumerate(arm.buses):
-            patches = arm.patches_on(bus)
-            node_ids = arm.node_id[patches][state[patches] == one].tolist()
-            if node_ids:
-                where = f"{settings.name} " if len(arm.buses) > 1 else ""
-                yield f"{one.name.lower()}: {where}{nodes(node_ids)}"

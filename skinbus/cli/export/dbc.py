@@ -20,6 +20,7 @@ from skinbus.objects.contacts import ContactState
 from skinbus.objects.eds import load_eds
 from skinbus.objects.eds_values import REAL32, REAL64
 from skinbus.objects.pdo import PdoEntry, PdoMap, tpdos
+from skinbus.objects.profile import MASTER_NODE_ID
 
 LINK_AND_STATE: Final = "Link and state"
 """An object of two halves of a byte, see ``objects.contacts``."""
@@ -39,8 +40,8 @@ class Device(NamedTuple):
     """Names of the links, of a master."""
 
 
-def dbc_of(arm: Arm, bus: int, node_id: int) -> str:
-    """Return the DBC of one bus; ``node_id`` is that of the master, which publishes on all buses alike."""
+def dbc_of(arm: Arm, bus: int) -> str:
+    """Return the DBC of one bus, the master among its nodes: it publishes on all buses alike."""
     ods, devices = ods_of(arm), []
     for p in range(*arm.patches_on(bus).indices(arm.n_patches)):
         placed, here = arm.patches[p], arm.tactels_of(p)
@@ -48,7 +49,7 @@ def dbc_of(arm: Arm, bus: int, node_id: int) -> str:
         pairs = zip(factors.tolist(), (-arm.tactel_offset[here] * factors).tolist(), strict=True)
         devices.append(Device(f"patch_{placed.node_id}", ods[p], dict(enumerate(pairs, 1))))
     links = [link.name for link in arm.links]
-    devices.append(Device("master", load_eds("skin-master", node_id), links=links))
+    devices.append(Device("master", load_eds("skin-master", MASTER_NODE_ID), links=links))
     return dbc(devices, is_fd=arm.buses[bus].data_bitrate is not None)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,41 +28,38 @@ ROWS: Final = 100_000
 """Readings that are written at once: a row group."""
 
 
-class Writer:
-    """Writes both tables."""
+def write(
+    cycles: Iterable[RecordedCycle], file: Path, contacts: Path, arm: Arm, about: dict[str, str]
+) -> None:
+    """Write both tables."""
+    names = {
+        "bus": np.array([bus.name for bus in arm.buses]),
+        "link": np.array([link.name for link in arm.links]),
+    }
+    rows, found = list[Any](), list[dict[str, Any]]()
 
-    def __init__(self, readings: Path, contacts: Path, arm: Arm, about: dict[str, str]) -> None:
-        self._about, self._files = about, (readings, contacts)
-        self._links = np.array([link.name for link in arm.links])
-        self._buses = np.array([bus.name for bus in arm.buses])
-        self._writers: dict[Path, Any] = {}
-        self._readings, self._contacts, self._n = [np.zeros(0, READING)], list[Any](), 0
+    def table() -> pa.Table:
+        all_rows = np.concatenate([np.zeros(0, READING), *rows])
+        columns = {name: np.ascontiguousarray(all_rows[name]) for name in READING.names or ()}
+        columns |= {name: words[columns[name]] for name, words in names.items()}
+        return pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
 
-    def add(self, cycle: RecordedCycle) -> None:
-        """Add a cycle."""
-        self._readings.append(cycle.readings)
-        about = {"t_ns": cycle.t_ns, "cycle": cycle.number}
-        self._contacts += [about | values_of(contact) for contact in cycle.contacts]
-        self._n += len(cycle.readings)
-        if self._n >= ROWS:
-            self._write()
+    schemas = [schema.with_metadata(about) for schema in (table().schema, CONTACTS)]
+    with (
+        pq.ParquetWriter(file, schemas[0], compression="zstd") as readings_writer,
+        pq.ParquetWriter(contacts, schemas[1], compression="zstd") as contacts_writer,
+    ):
 
-    def close(self) -> None:
-        """Write what is left, and finish both files."""
-        self._write()
-        for writer in self._writers.values():
-            writer.close()
+        def write_out() -> None:
+            readings_writer.write_table(table().replace_schema_metadata(about))
+            contacts_writer.write_table(pa.Table.from_pylist(found, schemas[1]))
+            rows.clear()
+            found.clear()
 
-    def _write(self) -> None:
-        rows = np.concatenate(self._readings)
-        columns = {name: np.ascontiguousarray(rows[name]) for name in READING.names or ()}
-        columns |= {"bus": self._buses[rows["bus"]], "link": self._links[rows["link"]]}
-        arrays = {name: pa.array(column, from_pandas=True) for name, column in columns.items()}  # NaN is null
-        for file, table in zip(
-            self._files, (pa.table(arrays), pa.Table.from_pylist(self._contacts, CONTACTS)), strict=True
-        ):
-            made = table.replace_schema_metadata(self._about)
-            if file not in self._writers:
-                self._writers[file] = pq.ParquetWriter(file, made.schema, compression="zstd")
-            self._writers[file].write_table(made)
-        self._readings, self._contacts, self._n = self._readings[:1], [], 0
+        for cycle, t_ns, readings in cycles:
+            rows.append(readings)
+            moment = {"t_ns": t_ns, "cycle": cycle.number}
+            found += [moment | values_of(contact) for contact in cycle.contacts]
+            if sum(map(len, rows)) >= ROWS:
+                write_out()
+        write_out()
