@@ -39,7 +39,7 @@ GROUPS = {
         "scene": "List what scenes can name, check a scene, measure its cost.",
         "study": "Measure what accuracy costs in time; remake the paper's figures.",
     },
-    "Machine": {"doctor": "Check this machine, its bus and the skin; compile the kernels."},
+    "Machine": {"doctor": "Check this machine, its bus and the health of a skin; compile the kernels."},
 }
 """Groups of the first screen: name and one line of help of every command."""
 

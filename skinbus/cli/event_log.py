@@ -26,13 +26,14 @@ def wall_stamp(t: float) -> str:
     return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(t)) + f".{int(10 * t) % 10}"
 
 
-class _Lines:
-    """Equal events of a moment, or lines of a kind on a bus in a stretch of time."""
+class _Stretch:
+    """Events of a kind on a bus in a stretch of time: lines that wait, by detail, and the rest."""
 
     def __init__(self, since: float) -> None:
         self.since = since
-        self.n_shown = self.n_more = 0
-        self.node_ids: set[int] = set()
+        self.groups: dict[str, tuple[float, set[int]]] = {}
+        self.n_lines = self.n_more = 0
+        self.more: set[int] = set()
 
 
 class EventLog:
@@ -52,8 +53,7 @@ class EventLog:
         self._say, self._now, self._stamp = say, now, stamp
         self._names = tuple(map(printable, names)) if len(names) > 1 else ()
         self._new: deque[tuple[float, Event]] = deque(maxlen=MAX_WAITING)
-        self._groups: dict[tuple[int, str, str], _Lines] = {}
-        self._windows: dict[tuple[int, str], _Lines] = {}
+        self._stretches: dict[tuple[int, str], _Stretch] = {}
 
     def take(self, event: Event) -> None:
         """Take an event."""
@@ -63,26 +63,24 @@ class EventLog:
         """Say what is older than a moment, or everything at the end."""
         while self._new:
             t, event = self._new.popleft()
-            group = self._groups.setdefault((event.bus, str(event.kind), event.detail), _Lines(t))
-            group.node_ids |= {event.node_id} - {0}
+            stretch = self._stretches.setdefault((event.bus, str(event.kind)), _Stretch(t))
+            if event.detail not in stretch.groups and stretch.n_lines < BURST:
+                stretch.groups[event.detail] = t, set()
+                stretch.n_lines += 1
+            stretch.n_more += event.detail not in stretch.groups
+            _, node_ids = stretch.groups.get(event.detail, (t, stretch.more))
+            node_ids |= {event.node_id} - {0}
         now = self._now()
-        for (bus, kind, detail), group in list(self._groups.items()):
-            if not (all_of_it or now - group.since >= MOMENT_S):
-                continue
-            del self._groups[bus, kind, detail]
-            window = self._windows.setdefault((bus, kind), _Lines(group.since))
-            if window.n_shown < BURST:
-                window.n_shown += 1
-                self._line(group.since, bus, kind, group.node_ids, detail)
-            else:
-                window.n_more += 1
-                window.node_ids |= group.node_ids
-        for (bus, kind), window in list(self._windows.items()):
-            if all_of_it or now - window.since >= WINDOW_S:
-                del self._windows[bus, kind]
-                if window.n_more:
-                    more = f"{counted(window.n_more, 'time')} more in {now - window.since:.0f} s"
-                    self._line(now, bus, kind, window.node_ids, more)
+        for (bus, kind), stretch in list(self._stretches.items()):
+            for detail, (since, node_ids) in list(stretch.groups.items()):
+                if all_of_it or now - since >= MOMENT_S:
+                    del stretch.groups[detail]
+                    self._line(since, bus, kind, node_ids, detail)
+            if all_of_it or (now - stretch.since >= WINDOW_S and not stretch.groups):
+                del self._stretches[bus, kind]
+                if stretch.n_more:
+                    more = f"{counted(stretch.n_more, 'time')} more in {now - stretch.since:.0f} s"
+                    self._line(now, bus, kind, stretch.more, more)
 
     def _line(self, t: float, bus: int, kind: str, node_ids: set[int], detail: str) -> None:
         where = [self._names[bus]] if self._names else []

@@ -63,7 +63,6 @@ def own_arm(tmp_path):
     [
         (("plan", "{arm}", "--json"), "my.toml"),
         (("plan", "{arm}", "--json"), "board.eds"),
-        (("board", "profile", "--out"), "board.eds"),
         (("study", "arm", "--out"), "my.toml"),
         (("calibrate", "{arm}", "{arm}", "--out"), "my.toml"),
         (("calibrate", "{arm}", "{arm}", "--out"), "board.dcf"),

@@ -22,18 +22,13 @@ from skinbus.objects.profile import MASTER_NODE_ID
 @click.argument("arm", required=False)
 @arm_bus_options
 @click.option(
-    "--first",
-    type=click.IntRange(1, MASTER_NODE_ID - 1),
-    help="Without ARM: node-ID of the first one found; the next ones count up. [default: 1]",
-)
-@click.option(
     "--timeout-ms",
     default=20,
     show_default=True,
     type=click.IntRange(5, 1000),
     help="How long a node is given to answer; a scan takes up to 140 of it.",
 )
-def command(arm: str | None, bus: BusWords, first: int | None, timeout_ms: int) -> None:
+def command(arm: str | None, bus: BusWords, timeout_ms: int) -> None:
     """Give node-IDs to the patches of ARM, or to all nodes without one; the nodes store them.
 
     With ARM (a name or a TOML file), patches with a serial number in it are found by that number and get
@@ -47,15 +42,13 @@ def command(arm: str | None, bus: BusWords, first: int | None, timeout_ms: int) 
     \b
     Examples:
       skinbus scan assign my-arm.toml -c can0
-      skinbus scan assign --first 10 -c can0
+      skinbus scan assign -c can0
     """
     console = Console()
     if arm is None:
         known: list[Known] = []
-        free, hints = [*range(first or 1, MASTER_NODE_ID)], [_hint(own.identity) for own in candidates_of()]
+        free, hints = [*range(1, MASTER_NODE_ID)], [_hint(own.identity) for own in candidates_of()]
         place = bus.place()
-    elif first is not None:
-        raise click.UsageError("--first is for nodes without an arm file; ARM has the node-IDs itself")
     else:
         part, place = bus.of(load_arm(arm))
         known, free, hints = wanted_by(part)

@@ -16,7 +16,6 @@ from skinbus.cli.formatting import counted
 from skinbus.cli.host import run_to_end
 from skinbus.cli.options import BusWords, Range, bus_options, file_option
 from skinbus.cli.output import echo
-from skinbus.cli.profile_page import objects_of, page
 from skinbus.cli.progress import progress
 from skinbus.errors import EdsError, Fault
 from skinbus.file_bytes import read_bytes
@@ -75,8 +74,8 @@ def new(
 ) -> None:
     """Write a complete EDS: all readings mapped, identifiers that clash with no other board.
 
-    It describes to the master and to any CANopen tool what your firmware must implement; `skinbus board
-    profile FILE.eds` prints that as a table. Names and numbers of the vendor are yours to fill in.
+    It describes to the master and to any CANopen tool what your firmware must implement, see
+    docs/profile.md. Names and numbers of the vendor are yours to fill in.
 
     With --module the board is an analogue module, whose firmware is not ours, and the file a DCF. Its inputs
     are 0x6401 (CiA 401) or 0x7130 (CiA 404), all of them in TPDOs as delivered; the master has it send
@@ -211,21 +210,3 @@ def check(
     n_failed = sum(result.finding.grade is Grade.FAIL for result in core.results)
     console.print(f"{n_failed} rules fail" if n_failed else "all rules that were checked hold")
     sys.exit(0 if core.passed and len(core.results) == len(RULES) else 1)
-
-
-@command.command()
-@click.argument("eds", required=False)
-@file_option("--out", callback=output.writable, help="Write to this file.")
-def profile(eds: str | None, out: Path | None) -> None:
-    """Print the profile of patches and master, or the objects of one EDS.
-
-    \b
-    Examples:
-      skinbus board profile --out profile.md
-      skinbus board profile my-board.eds
-    """
-    text = "\n\n".join(objects_of(eds)) + "\n" if eds else page()
-    if out is None:
-        echo(text, nl=False)
-    else:
-        out.write_text(text, encoding="utf-8")

@@ -14,22 +14,17 @@ import click
 
 import skinbus
 from skinbus.cli import diagnostics as checks
-from skinbus.cli.commands.scan import candidates_of
 from skinbus.cli.diagnostics import Finding
-from skinbus.cli.formatting import counted, span
-from skinbus.cli.host import run_to_end
+from skinbus.cli.formatting import counted
 from skinbus.cli.options import BusesWords, buses_options, json_option
 from skinbus.cli.output import JsonFile, echo
 from skinbus.config.arm_file import read_arm_file
-from skinbus.config.system import load_arm, ods_of
-from skinbus.errors import AddressError, BusError, ConfigError
-from skinbus.master.commissioning.scan import Candidate, Found, Scanner, match
-from skinbus.master.patches.provisioning import expected_nodes
-from skinbus.model import Arm, BusSettings
-from skinbus.skin.addresses import BusAddress, find_places, interface_of
+from skinbus.config.system import load_arm
+from skinbus.errors import AddressError, ConfigError
+from skinbus.model import BusSettings
+from skinbus.skin.addresses import find_places, interface_of
 from skinbus.skin.shared_memory import MAX_NAME
 
-MASTER_EDS = "skin-master"
 UNIT_ARM = "/etc/skinbus/arm.toml"
 """What the unit runs by default."""
 
@@ -59,7 +54,9 @@ def command(
     unit: bool,
     json_file: JsonFile | None,
 ) -> None:
-    """Check interface, bit rate, queue, permissions, wake-ups, cache, and the nodes of ARM on the bus.
+    """Check the file of ARM, interface, bit rate, queue, permissions, wake-ups and cache.
+
+    `skinbus scan` and `skinbus configure --dry-run` check the boards.
 
     Nothing is changed; only damaged entries of the kernels' cache are removed. Status 1 when there is
     something to do, 2 when there is no such arm or interface.
@@ -108,53 +105,13 @@ def examine(
     except AddressError as error:
         yield Finding("channel", str(error), "say it by -c, or in the arm file")
         places = []
-    working = []
-    for k, place in enumerate(places):
+    for place in places:
         found = list(checks.check_interface(place)) if place.interface == "socketcan" else []
-        if not any(finding.check == "interface" and finding.advice for finding in found):
-            opened = list(checks.check_open(place))
-            working += [(k, place)] if not opened[0].advice else []
-            found += opened
         yield from found
+        if not any(finding.check == "interface" and finding.advice for finding in found):
+            yield from checks.check_open(place)
     yield from checks.check_machine()
     yield from checks.check_cache()
-    for k, place in working:
-        yield from check_nodes(arm.part(k) if arm else None, place)
-
-
-def check_nodes(arm: Arm | None, place: BusAddress) -> Iterator[Finding]:
-    """Are the nodes of the arm on its one bus, and are they what their EDS files say?"""
-    scanner = Scanner()
-    try:
-        run_to_end(scanner, place, lambda text: None)
-    except BusError as error:
-        yield Finding("nodes", str(error), "see the message")
-        return
-    power = "are they powered, terminated, at this bit rate? see: skinbus scan"
-    where = f"bus {arm.bus.name}" if arm and arm.bus.name else "the bus"
-    yield Finding("nodes", f"{len(scanner.nodes)} on {where}", "" if scanner.nodes else power)
-    if scanner.has_unconfigured:
-        yield Finding("node-ID", "a node has none yet", "skinbus scan assign gives it one")
-    if arm and scanner.nodes:
-        yield from judge_nodes(arm, [node for _, node in sorted(scanner.nodes.items())])
-        if missing := {*arm.node_id.tolist()} - {*scanner.nodes}:
-            yield Finding("missing nodes", span(missing), "check their cable and node-ID")
-
-
-def judge_nodes(arm: Arm, nodes: Sequence[Found]) -> Iterator[Finding]:
-    """Say which nodes are not what the EDS of their patch says, and which no file names."""
-    plans = {plan.node_id: plan for plan in expected_nodes(arm, ods_of(arm))}
-    master = next(own for own in candidates_of() if own.name == MASTER_EDS)
-    for node in nodes:
-        check, plan = f"node {node.node_id}", plans.get(node.node_id)
-        if not node.answers:
-            yield Finding(check, "answers no SDO", "a node that is stopped is silent; see: skinbus scan")
-        elif plan is None and not match(node, [master]).names:
-            yield Finding(check, "not in the arm file", "take it off the bus, or name it in the arm file")
-        elif plan is not None and not match(node, [Candidate("", plan.identity)]).exact:
-            found = f"not as {arm.patches[arm.patch_at(node.node_id)].eds} says"
-            how = "put the right board there, or its EDS in the arm file; `skinbus scan` shows which it is"
-            yield Finding(check, found, how)
 
 
 def unit_text(

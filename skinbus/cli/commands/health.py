@@ -31,8 +31,7 @@ COLUMNS = ("noise", "noise_first", "zero", "zero_first", "touches", "faults")
     show_default=True,
     help="The state that `skinbus run --state` keeps; the health is beside it.",
 )
-@click.option("--tactels", is_flag=True, help="List all tactels, not only boards.")
-def command(arm: str, state: Path, tactels: bool) -> None:
+def command(arm: str, state: Path) -> None:
     """Show how the tactels of ARM have changed since they were commissioned, and what to do.
 
     A master that runs with --state records noise, zero, touches and faults of each tactel. Each board is
@@ -43,13 +42,12 @@ def command(arm: str, state: Path, tactels: bool) -> None:
     \b
     Examples:
       skinbus doctor health my-arm.toml --state my-arm.state
-      skinbus doctor health my-arm.toml --tactels
     """
     loaded, console = load_arm(arm), Console()
     boards = load_health(loaded, state)
     console.table(
         ("node", "noise, Pa", "was", "zero, Pa", "was", "touches", "faults"),
-        rows_of(loaded, boards, each=tactels),
+        rows_of(loaded, boards),
     )
     found = list(check_health(loaded, boards))
     for what, advice in found:
@@ -81,18 +79,13 @@ def check_health(arm: Arm, boards: Sequence[Records | None]) -> Iterator[tuple[s
         yield "nothing to do", ""
 
 
-def rows_of(arm: Arm, boards: Sequence[Records | None], *, each: bool) -> Iterator[list[str]]:
-    """Return boards, or each of their tactels, as rows; of boards medians, and sums of counts."""
+def rows_of(arm: Arm, boards: Sequence[Records | None]) -> Iterator[list[str]]:
+    """Return boards as rows: medians of their tactels, and sums of counts."""
     for p, board in enumerate(boards):
-        node = arm.node_label(p)
         if board is None:
-            yield [node, "not seen", *[""] * 5]
+            yield [arm.node_label(p), "not seen", *[""] * 5]
             continue
-        values = np.stack([board[name] for name in COLUMNS], -1)
-        if not each:
-            known = [column[np.isfinite(column)] for column in values.T[:-2]]
-            middle = [np.median(column) if len(column) else math.nan for column in known]
-            values = np.array([[*middle, *values[:, -2:].sum(axis=0)]])
-        for k, row in enumerate(values, 1):
-            shown = (f"{x:.0f}" if math.isfinite(x) else "-" for x in row)
-            yield [f"{node}.{k}" if each else node, *shown]
+        known = [board[name][np.isfinite(board[name])] for name in COLUMNS]
+        values = [np.median(column) if len(column) else math.nan for column in known[:-2]]
+        values += [column.sum() for column in known[-2:]]
+        yield [arm.node_label(p), *(f"{x:.0f}" if math.isfinite(x) else "-" for x in values)]

@@ -15,19 +15,19 @@ from skinbus.cli import output
 from skinbus.cli.arm_target import arm_target
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, span
-from skinbus.cli.options import Range, file_option
+from skinbus.cli.options import file_option
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_edit import write_arm
 from skinbus.config.arm_file import find_arm
 from skinbus.config.system import load_arm
-from skinbus.estimate.calibration.location import OUTLIER, PLACE_SD, Located, PlacedPress, locate
+from skinbus.estimate.calibration.location import OUTLIER, Located, PlacedPress, locate
 from skinbus.estimate.calibration.table import Press
 from skinbus.model import Arm
 
 TITLES: Final = ("node", "along s", "across", "yaw", "presses")
 WORDS: Final = {"s": "the place along s", "a": "the place across", "yaw": "the yaw"}
 WORST: Final = 1.5e-3
-"""m, by which presses may scatter: those by hand do by 1 mm. Twice what is said of them, if that is more."""
+"""m, by which presses may scatter: those by hand do by 1 mm."""
 MAX_SHIFT: Final = 15e-3
 """m, by which a board may lie off its place in the file: five times what hands mount boards off by, and less
 than a third of a board of 50 mm, so that it is nearer to its own place than to that of a neighbour."""
@@ -36,16 +36,9 @@ than a third of a board of 50 mm, so that it is nearer to its own place than to 
 @click.command()
 @click.argument("arm")
 @click.argument("presses", type=output.Readable(path_type=Path))
-@click.option(
-    "--place-sd-mm",
-    type=Range(min=0.01, max=10.0),
-    default=1e3 * PLACE_SD,
-    show_default=True,
-    help="Standard deviation of s_mm and a_mm of the presses; their residuals refine it.",
-)
 @click.option("--write", is_flag=True, help="Write places and yaws into the arm file; its comments stay.")
 @file_option("--out", help="Write them into this file, in place of ARM.")
-def command(arm: str, presses: Path, place_sd_mm: float, write: bool, out: Path | None) -> None:
+def command(arm: str, presses: Path, write: bool, out: Path | None) -> None:
     """Find where the boards of ARM sit, from presses at known places of their links.
 
     PRESSES is a CSV file as `skinbus calibrate` reads it. The places are those of a robot's tool, or of a
@@ -66,12 +59,12 @@ def command(arm: str, presses: Path, place_sd_mm: float, write: bool, out: Path 
     target, arm_file = arm_target(arm, path, loaded, out) if write or out else (None, None)
     rows = read_presses(loaded, presses)
     placed = [PlacedPress(row.patch, row.s, row.a, row.readings) for row in rows]
-    found = locate(loaded, placed, place_sd=1e-3 * place_sd_mm)
+    found = locate(loaded, placed)
     console = Console()
     console.table(TITLES, [row_of(loaded, board) for board in found.boards])
-    worst, changes, is_faulty = max(WORST, 2e-3 * place_sd_mm), {}, False
+    changes, is_faulty = {}, False
     for board in found.boards:
-        fault = fault_of(loaded, board, found.place_sd, worst)
+        fault = fault_of(loaded, board, found.place_sd)
         is_faulty |= bool(fault)
         for text in remarks(board, fault, rows):
             console.print(f"node {loaded.node_label(board.patch)}: {text}", style="yellow", soft_wrap=True)
@@ -97,13 +90,13 @@ def row_of(arm: Arm, board: Located) -> tuple[str, ...]:
     return arm.node_label(board.patch), x, y, yaw, f"{len(board.used)} of {n_made}"
 
 
-def fault_of(arm: Arm, board: Located, scatter: float, worst: float) -> str:
+def fault_of(arm: Arm, board: Located, scatter: float) -> str:
     """Return why a board is not moved; nothing if it is. Presses scatter by ``scatter`` m."""
     right = "are s_mm and a_mm those of these presses, of this board, in this order, in millimetres?"
     if not board.used:
         return "none of its presses can be used"
-    if scatter > worst:
-        return f"presses scatter by {1e3 * scatter:.1f} mm, more than {1e3 * worst:.1f} mm: {right}"
+    if scatter > WORST:
+        return f"presses scatter by {1e3 * scatter:.1f} mm, more than {1e3 * WORST:.1f} mm: {right}"
     if board.is_mirrored:
         return "its presses fit the mirrored board: say so in the arm file (mirrored), or by `scan identify`"
     if 2 * len(board.outliers) >= len(board.used):

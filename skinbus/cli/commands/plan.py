@@ -40,17 +40,6 @@ if TYPE_CHECKING:
 @click.option(
     "--contacts", default=16, show_default=True, type=click.IntRange(0, 16), help="Contacts in one cycle."
 )
-@click.option("--sdo-hz", default=100.0, show_default=True, type=Range(min=0.0), help="SDO requests.")
-@click.option(
-    "--emergencies", default=1, show_default=True, type=click.IntRange(0, 127), help="EMCY messages a second."
-)
-@click.option(
-    "--bit-error-rate",
-    default=2.6e-7,
-    show_default=True,
-    type=Range(0.0, 1e-3),
-    help="Share of bits that are hit; the default was measured beside a welding machine.",
-)
 @json_option
 def command(
     arm: str,
@@ -60,9 +49,6 @@ def command(
     compute_us: float | None,
     response_us: float,
     contacts: int,
-    sdo_hz: float,
-    emergencies: int,
-    bit_error_rate: float,
     json_file: JsonFile | None,
 ) -> None:
     """Compute whether the buses of ARM (a name or a TOML file) hold its rate: status 0 if so, 1 if not.
@@ -91,9 +77,7 @@ def command(
         bitrate=bitrate,
         rate_hz=rate,
         response_ns=round(1000 * response_us),
-        beside=Beside(
-            contacts=contacts, sdo_hz=sdo_hz, emergencies=emergencies, bit_error_rate=bit_error_rate
-        ),
+        beside=Beside(contacts=contacts),
     )
     for result in results:
         _show(result, console)

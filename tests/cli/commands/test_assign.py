@@ -61,10 +61,5 @@ def test_patches_get_the_node_ids_of_the_arm_file(own_bus, arm_file):
 
 
 def test_nobody_on_the_bus_is_status_1_and_said(own_bus):
-    answer = own_bus.run("scan", "assign", "--first", "5")
+    answer = own_bus.run("scan", "assign")
     assert (answer.exit_code, "no node answers: is the bus powered" in answer.output) == (1, True)
-
-
-def test_first_and_an_arm_file_contradict_each_other(own_bus):
-    answer = own_bus.run("scan", "assign", "pad", "--first", "5")
-    assert (answer.exit_code, "--first" in answer.output) == (2, True)

@@ -19,16 +19,13 @@ from click.testing import CliRunner
 from skinbus.bus.realtime import N_TOO_MANY, N_WORTH_IT, GcScheduler
 from skinbus.cli import diagnostics as checks
 from skinbus.cli import group
-from skinbus.cli.commands.doctor import command, judge_nodes, unit_text
+from skinbus.cli.commands.doctor import command, unit_text
 from skinbus.cli.notify import Notifier
 from skinbus.config.arm_file import find_arm
 from skinbus.config.arm_tables import ArmTable
 from skinbus.config.system import load_arm
 from skinbus.errors import AddressError
 from skinbus.jit.kernel_files import KernelFolder
-from skinbus.master.commissioning.scan import Found
-from skinbus.master.patches.provisioning import NUMBERS, number_at
-from skinbus.objects.eds import load_eds
 from skinbus.skin.addresses import BusAddress
 from skinbus.skin.cycle import SkinLayout
 from skinbus.skin.shared_memory import SharedWriter, path_of
@@ -153,30 +150,6 @@ def test_doctor_of_an_arm_that_does_not_exist_is_a_mistake_not_a_finding():
     assert answer.returncode == 2
     assert "wanted a file that can be read, or one of" in answer.stderr
     assert not answer.stdout
-
-
-def found(node_id, eds="skin-patch", **numbers):
-    od = load_eds(eds, node_id)
-    says = {name: number_at(od, index, sub) for name, index, sub in NUMBERS} | numbers
-    return Found(node_id, answers=True, numbers=says)
-
-
-@pytest.mark.parametrize(
-    ("node", "said", "advice"),
-    [
-        (found(1, serial=77), None, None),
-        (found(1, "skin-patch-8bit"), "not as skin-patch says", "put the right board there"),
-        (found(1, vendor=5), "not as skin-patch says", "its EDS in the arm file"),
-        (found(1, revision=None), "not as skin-patch says", "put the right board there"),
-        (Found(1), "answers no SDO", "skinbus scan"),
-        (found(2), "not in the arm file", "take it off the bus"),
-        (found(127, "skin-master"), None, None),
-    ],
-)
-def test_nodes_are_held_against_the_eds_of_their_patch(node, said, advice):
-    findings = list(judge_nodes(load_arm("pad"), [node]))
-    assert [finding.found for finding in findings] == ([said] if said else [])
-    assert all(advice in finding.advice for finding in findings)
 
 
 GOOD = {"bittiming": {"bitrate": 1_000_000}, "state": "ERROR-ACTIVE", "restart_ms": 100}

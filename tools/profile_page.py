@@ -1,4 +1,4 @@
-"""The profile page: what a patch and a master have and must do, as Markdown made from EDS files and rules."""
+"""Make docs/profile.md, what a patch and a master have and must do: `python -m tools.profile_page`."""
 
 from __future__ import annotations
 
@@ -25,8 +25,7 @@ ONLY_STORED: Final = " Only with `--store`: stored parameters are lost."
 HEAD: Final = """\
 # Profile: what a patch and a master have, and what firmware must do
 
-Made from the EDS files by `skinbus board profile --out docs/profile.md`; a test holds it to them. `skinbus
-board profile MY.eds` makes the table of objects of a board of your own.
+Made from the EDS files by `python -m tools.profile_page`; a test holds it to them.
 
 ## What the firmware of a patch must do
 
@@ -129,3 +128,7 @@ def _value(variable: Variable) -> str:
         return f"node-ID + 0x{number:X}"
     is_code = number and variable.index in COMMUNICATION and variable.data_type == UNSIGNED32
     return f"0x{number:X}" if is_code or number > 0xFFFF else str(number)
+
+
+if __name__ == "__main__":
+    Path("docs/profile.md").write_text(page())
