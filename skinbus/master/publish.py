@@ -23,7 +23,14 @@ from skinbus.master.patches.table import PatchTable
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects import cia, profile
-from skinbus.objects.contacts import FORCE_STEP, MAX_LINKS, PAYLOAD, ContactState, pack_contacts
+from skinbus.objects.contacts import (
+    FORCE_STEP,
+    MAX_LINKS,
+    PAYLOAD,
+    ContactState,
+    pack_contacts,
+    pack_deviations,
+)
 from skinbus.objects.eds import load_eds
 from skinbus.objects.published import published
 
@@ -96,7 +103,8 @@ class Publisher:
         self._used: set[int] = set()
         objects = published(od)
         self._summary = objects.summary.number
-        self._tpdo = [pdo.number for pdo in objects.contacts]
+        pairs = zip(objects.contacts, objects.qualities, strict=True)
+        self._tpdos = [(contact.number, quality.number) for contact, quality in pairs]
         self._load_tpdo = objects.load.number
         self._loads: Loads | None = None
 
@@ -114,8 +122,7 @@ class Publisher:
         for node in self._nodes:
             if node.records is not self._records:
                 node.records[...] = self._records
-            for slot in slots:
-                node.device.transmit_tpdo(self._tpdo[slot])
+            self._send(node.device, slots)
         ids = np.zeros(len(contacts), np.int64)
         ids[tracks.row[seen]] = tracks.id[seen]
         return ids
@@ -132,9 +139,14 @@ class Publisher:
     def repeat(self, bus: int) -> None:
         """Send contacts, ended ones too, and the load on a bus: what was sent before may not have come."""
         device = self._nodes[bus].device
-        for slot in sorted(self._used):
-            device.transmit_tpdo(self._tpdo[slot])
+        self._send(device, sorted(self._used))
         device.transmit_tpdo(self._load_tpdo)
+
+    def _send(self, device: Device, slots: Sequence[int]) -> None:
+        """Send what the slots hold: contacts, and how sure they are where these TPDOs are enabled."""
+        for slot in slots:
+            for number in self._tpdos[slot]:
+                device.transmit_tpdo(number)
 
     def summary(self, report: CycleReport, level_control: LevelControl, n_faulty: int) -> None:
         """Write the state of the cycle and send its TPDO; ``n_faulty`` tactels are not plausible."""
@@ -201,6 +213,7 @@ class Publisher:
         state = np.where(tracks.state[which] == TrackState.TOUCH, ContactState.TOUCH, ContactState.HELD)
         payload = pack_contacts(id=tracks.id[which], link=link, state=state, s=s, a=a, force=force)
         packed = payload.view(PAYLOAD)[:, 0]
+        place_sd, force_sd = pack_deviations(c.covariance[rows])
         points, normals = np.zeros((2, len(slots), 3))
         for number in np.unique(link):
             here = link == number
@@ -214,6 +227,8 @@ class Publisher:
             "Identity": tracks.identity[which],
             "Level": [LEVELS.index(level) for level in c.level[rows]],
             "Quality": c.quality[rows],
+            "Place sd 0.1mm": place_sd,
+            "Force sd 0.05N": force_sd,
             "Tactels used": np.minimum(c.n_tactels[rows], 0xFF),
             "Node-ID": self._arm.node_id[c.patch[rows]],
             "Bus": self._arm.patch_bus[c.patch[rows]] + 1,

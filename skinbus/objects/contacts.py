@@ -7,6 +7,8 @@
           2   s       I16, 0.1 mm
           4   a       I16, 0.1 mm
           6   force   U16, 0.01 N
+
+Standard deviations in one byte are rounded up: 255 is "that or more", or not known.
 """
 
 from __future__ import annotations
@@ -24,6 +26,8 @@ LENGTH_STEP: Final = 1e-4
 """Metres per count of s and a."""
 FORCE_STEP: Final = 1e-2
 """Newtons per count of force."""
+FORCE_SD_STEP: Final = 5e-2
+"""Newtons per count of the standard deviation of a force; that of a place is in ``LENGTH_STEP``."""
 MAX_LINKS: Final = 16
 """Links that the low nibble can distinguish."""
 
@@ -65,6 +69,21 @@ def pack_contacts(
     records["a"] = _saturate(a, LENGTH_STEP, -0x8000, 0x7FFF)
     records["force"] = _saturate(force, FORCE_STEP, 0, 0xFFFF)
     return records.view(np.uint8).reshape(-1, PAYLOAD.itemsize)
+
+
+def pack_deviations(covariance: npt.ArrayLike) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+    """Return the standard deviations of place (its longer axis, 0.1 mm) and force (0.05 N), (n,) each.
+
+    Args:
+        covariance: (n, 3, 3) of s, a (m) and force (N); 0 where nothing is known
+    """
+    c = np.nan_to_num(np.asarray(covariance, np.float64), nan=0.0, posinf=1e30, neginf=0.0)
+    half, diff = (c[:, 0, 0] + c[:, 1, 1]) / 2.0, (c[:, 0, 0] - c[:, 1, 1]) / 2.0
+    variances = np.stack([half + np.hypot(diff, c[:, 0, 1]), c[:, 2, 2]])
+    variances[~(variances > 0.0)] = np.inf
+    counts = np.ceil(np.sqrt(variances) / [[LENGTH_STEP], [FORCE_SD_STEP]])
+    place, force = np.minimum(counts, 0xFF).astype(np.uint8)
+    return place, force
 
 
 def _saturate(values: npt.ArrayLike, step: float, low: int, high: int) -> npt.NDArray[np.float64]:

@@ -11,6 +11,9 @@ from skinbus.objects import profile
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import PdoMap, tpdos
 
+QUALITY = "Quality"
+"""Member of a contact record that the TPDO of its quality begins with."""
+
 
 @dataclass(frozen=True, slots=True)
 class Published:
@@ -19,6 +22,8 @@ class Published:
     summary: PdoMap
     contacts: tuple[PdoMap, ...]
     """By slot of the contact."""
+    qualities: tuple[PdoMap, ...]
+    """How sure a contact is, by slot; the EDS has them disabled."""
     load: PdoMap
     """That of the arm; the EDS has it disabled."""
 
@@ -30,14 +35,22 @@ class Published:
 
 def published(od: ObjectDictionary) -> Published:
     """Return the TPDOs of a master with this dictionary; ValueError when one is missing."""
-    by_object = {pdo.entries[0].index: pdo for pdo in tpdos(od) if pdo.entries}
-    contacts_of = [profile.contact(k + 1) for k in range(profile.MAX_CONTACTS)]
-    names = [profile.CYCLES, profile.LOAD, *contacts_of]
-    missing = [name.object for name in names if od[name.object].index not in by_object]
-    if missing:
-        raise ValueError(f"no TPDO maps {', '.join(missing)}")
-    summary, load, *contacts = (by_object[od[name.object].index] for name in names)
-    return Published(summary, tuple(contacts), load)
+    by_first = {(pdo.entries[0].index, pdo.entries[0].sub): pdo for pdo in tpdos(od) if pdo.entries}
+    names = [
+        profile.CYCLES,
+        profile.LOAD,
+        *(profile.contact(k + 1) for k in range(profile.MAX_CONTACTS)),
+        *(profile.contact(k + 1, QUALITY) for k in range(profile.MAX_CONTACTS)),
+    ]
+    first = [
+        (od[name.object].index, profile.index_of(od, name)[1] if name.member == QUALITY else 1)
+        for name in names
+    ]
+    if missing := [str(name) for name, key in zip(names, first, strict=True) if key not in by_first]:
+        raise ValueError(f"no TPDO begins with {', '.join(missing)}")
+    summary, load, *rest = (by_first[key] for key in first)
+    contacts, qualities = rest[: profile.MAX_CONTACTS], rest[profile.MAX_CONTACTS :]
+    return Published(summary, tuple(contacts), tuple(qualities), load)
 
 
 @cache

@@ -68,3 +68,7 @@ def test_contacts_have_links_states_and_units():
     (summary,) = (m for m in found.messages if m.frame_id == 0x1FF)
     values = summary.decode(bytes([1, 2, 3, 0, 0x10, 0x27, 0x64, 0]))
     assert (values["Compute_time"], values["Latency"]) == (10_000, 1000)
+    doubt = found.get_message_by_name("master_Contact_3_Quality")
+    values = doubt.decode(bytes([8, 15, 255, 9, 0x21]))
+    assert (doubt.frame_id, values["Quality"], values["Id"]) == (0x6A3, 8, 9)
+    assert (values["Place_sd"], values["Force_sd"]) == (pytest.approx(1.5), pytest.approx(12.75))

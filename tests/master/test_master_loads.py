@@ -1,4 +1,4 @@
-"""Loads as objects: what a master shows by SDO and, if asked, by a TPDO is what its cycle has integrated."""
+"""What a master shows by SDO and, if asked, by a TPDO is that of its cycle: loads, quality of contacts."""
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from skinbus.sim import World, load_scene
 
 OD = load_eds("skin-master", 127)
 COB_ID, TPDO_18 = 0x691, 0x1811
+QUALITY_COB_ID, TPDO_21 = 0x6A1, 0x1814
 
 
 @pytest.fixture(scope="module")
@@ -25,9 +26,10 @@ def pressed():
     wire.attach(master)
     wire.run(1_500_000_000)
     wire.tap(frames.append)
-    value = (0x40000000 | COB_ID).to_bytes(4, "little")
-    wire.attach(Client([Frame(0x600 + 127, bytes([0x23, TPDO_18 & 0xFF, TPDO_18 >> 8, 1]) + value)]))
-    wire.run(3_500_000_000)
+    for until, tpdo, cob_id in ((1_600_000_000, TPDO_18, COB_ID), (3_500_000_000, TPDO_21, QUALITY_COB_ID)):
+        write = b"\x23" + tpdo.to_bytes(2, "little") + b"\1" + (0x40000000 | cob_id).to_bytes(4, "little")
+        wire.attach(Client([Frame(0x600 + 127, write)]))
+        wire.run(until)
     return master, reports, frames
 
 
@@ -74,3 +76,17 @@ def test_enabled_tpdo_carries_the_load_of_the_arm_in_every_cycle(pressed):
     assert 0.01 * force == pytest.approx(loads.force, abs=0.006)
     assert 0.01 * sd == pytest.approx(loads.force_sd, abs=0.006)
     assert 1e-6 * area == pytest.approx(loads.area, abs=1e-6)
+
+
+def test_enabled_tpdo_carries_how_sure_a_contact_is(pressed):
+    _, reports, frames = pressed
+    payloads = [frame.data for frame in frames if frame.can_id == QUALITY_COB_ID]
+    quality, place_sd, force_sd, identity, link_state = payloads[-1]
+    row = reports[-1].ids.tolist().index(identity)
+    contacts = reports[-1].contacts
+    variances, _ = np.linalg.eigh(contacts.covariance[row, :2, :2])
+    assert 0.1 * place_sd == pytest.approx(1e3 * np.sqrt(variances.max()) + 0.05, abs=0.051)
+    assert 0.05 * force_sd == pytest.approx(np.sqrt(contacts.covariance[row, 2, 2]) + 0.025, abs=0.026)
+    assert quality == contacts.quality[row]
+    first = next(frame.data for frame in reversed(frames) if frame.can_id == 0x681)
+    assert (identity, link_state) == (first[0], first[1])

@@ -105,7 +105,7 @@ def test_a_silent_drive_makes_the_base_invalid_not_wrong(robot):
         assert len(report.contacts) == 1
         assert np.isnan(report.robot.point[0, 1:]).all()
         np.testing.assert_allclose(report.robot.point[0, 0], [0.027, 0.003, 0.0], atol=2e-3)
-    assert device.get(0x2500, 1) == device.get(0x3001, len(CONTACT_MEMBERS)) == 0
+    assert device.get(0x2500, 1) == device.get(0x3001, 0x3B) == 0
     assert device.get(0x2504, 1) == -0x8000
     assert device.get(0x2502, 1) == 0.0
     robot.drive.is_silent = False

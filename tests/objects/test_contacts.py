@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skinbus.objects.contacts import ContactState, pack_contacts
+from skinbus.objects.contacts import ContactState, pack_contacts, pack_deviations
 from skinbus.objects.eds import load_eds
 from tests.packing import unpack_contacts
 
@@ -37,6 +37,24 @@ def test_what_does_not_fit_saturates_and_nan_reads_as_zero():
     assert columns.s == pytest.approx([3.2767, -3.2768, 0.0])
     assert columns.a == pytest.approx([3.2767, -3.2768, 0.0])
     assert columns.force == pytest.approx([655.35, 0.0, 0.0])
+
+
+# variance of s (mm2), of a, covariance, variance of force (N2): counts of place and force
+DEVIATIONS = [
+    (1.0, 0.25, 0.0, 0.01, 10, 2),
+    (0.01, 4.0, 0.0, 0.0101, 20, 3),  # rounded up
+    (2.5, 2.5, 1.5, 1.0, 20, 20),  # the longer axis is oblique
+    (1e6, 1.0, 0.0, 1e6, 255, 255),
+    (np.inf, np.inf, 0.0, np.nan, 255, 255),
+    (0.0, 0.0, 0.0, 0.0, 255, 255),  # nothing is known
+]
+
+
+@pytest.mark.parametrize(("ss", "aa", "sa", "ff", "place", "force"), DEVIATIONS)
+def test_deviations_are_not_understated(ss, aa, sa, ff, place, force):
+    covariance = np.diag([1e-6 * ss, 1e-6 * aa, ff])
+    covariance[0, 1] = covariance[1, 0] = 1e-6 * sa
+    assert [int(column[0]) for column in pack_deviations(covariance[None])] == [place, force]
 
 
 def test_layout_is_that_of_the_eds():

@@ -25,13 +25,12 @@ def test_command_rpdo_is_off_as_delivered():
     assert (pdo.valid, pdo.cob_id, pdo.length) == (False, 0x205, 4)
 
 
-def test_master_sends_summary_and_sixteen_contacts_and_load_and_torques_if_asked():
-    *maps, load, first, second = tpdos(load_eds("skin-master", 127))
-    assert (load.valid, load.cob_id, load.length) == (False, 0x691, 8)
-    assert [(pdo.valid, pdo.cob_id, pdo.length) for pdo in (first, second)] == [
-        (False, 0x692, 8),
-        (False, 0x693, 8),
-    ]
+def test_master_sends_summary_and_sixteen_contacts_and_all_else_if_asked():
+    pdos = tpdos(load_eds("skin-master", 127))
+    maps, off = pdos[:17], pdos[17:]
+    assert [pdo.valid for pdo in pdos] == [True] * 17 + [False] * 19
+    assert [pdo.cob_id for pdo in off] == [0x691, 0x692, 0x693, *range(0x6A1, 0x6B1)]
+    assert [pdo.length for pdo in off] == [8, 8, 8, *[5] * 16]
     assert [pdo.cob_id for pdo in maps] == [0x1FF, *range(0x681, 0x691)]
     assert {pdo.length for pdo in maps} == {8}
     assert {pdo.transmission_type for pdo in maps} == {254}

@@ -54,21 +54,21 @@ def dbc_of(arm: Arm, bus: int) -> str:
 
 
 def dbc(devices: Sequence[Device], *, is_fd: bool = False) -> str:
-    """Return the TPDOs of devices, those that are enabled, as the text of a DBC file."""
+    """Return the TPDOs of devices as the text of a DBC file: of patches those that are enabled."""
     messages = [
         Message(
             pdo.cob_id,
             _name(_title(device, pdo)),
             pdo.length,
             list(_signals(device, pdo)),
-            comment=f"TPDO {pdo.number}, type {pdo.transmission_type}",
+            comment=f"TPDO {pdo.number}, type {pdo.transmission_type}{'' if pdo.valid else ', off'}",
             senders=[_name(device.name)],
             is_extended_frame=pdo.extended,
             is_fd=pdo.length > CLASSIC_BYTES,
         )
         for device in devices
         for pdo in tpdos(device.od)
-        if pdo.valid and pdo.entries
+        if pdo.entries and (pdo.valid or device.links)
     ]
     head: Any = cantools.database.load_string(HEAD.format("CAN FD" if is_fd else "CAN"), "dbc")
     nodes = [Node(_name(device.name)) for device in devices]
@@ -77,9 +77,10 @@ def dbc(devices: Sequence[Device], *, is_fd: bool = False) -> str:
 
 def _title(device: Device, pdo: PdoMap) -> str:
     """Return the name of a message: of a master that of the object, if it maps no other; else its number."""
-    objects = {entry.index for entry in pdo.entries if not entry.is_dummy}
+    first, objects = pdo.entries[0], {entry.index for entry in pdo.entries if not entry.is_dummy}
     if len(objects) == 1 and device.links:
-        return f"{device.name}_{device.od.indices[objects.pop()].name}"
+        whole = device.od.indices[first.index]
+        return f"{device.name}_{whole.name}" + (f"_{whole[first.sub].name}" if first.sub > 1 else "")
     return f"{device.name}_TPDO{pdo.number}"
 
 
