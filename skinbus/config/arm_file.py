@@ -65,11 +65,11 @@ class ArmFile:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """This file and those that it names, each once: of boards and drives, of the robot, of meshes."""
+        """This file and those that it names, each once: of boards, of the robot, of meshes."""
         names = [eds for mounting in self.mountings if is_path(eds := mounting.eds)]
         names += [link.mesh for link in self.links if isinstance(link, MeshTable)]
         if self.robot is not None:
-            names += [self.robot.urdf, *(joint.eds for joint in self.robot.joints if is_path(joint.eds))]
+            names.append(self.robot.urdf)
         found = [self.path, *(beside(name, self.path) for name in names)]
         return tuple(dict.fromkeys(file.resolve() for file in found))
 
@@ -121,7 +121,7 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     carrier = None
     if robot is not None or "robot" not in tables:  # one with faults of its own is reported there
         rate_hz = arm.rate_hz if arm else 1.0  # an arm without it is refused
-        carrier = robot_settings(robot, joints, links, _names(tables, "bus"), rate_hz, path, faults)
+        carrier = robot_settings(robot, joints, links, rate_hz, path, faults)
     named = {link.name: (i, link) for i, (_, link) in enumerate(links)}
     mountings = mount(patches, rings, named, _names(tables, "link"), faults)
     mountings = _plug_in(mountings, [*patches, *rings], _names(tables, "bus"), faults)

@@ -8,13 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from skinbus.config.arm_tables import LinkTable, Positive, Table, Text, beside, eds_beside
+from skinbus.config.arm_tables import LinkTable, Positive, Table, Text, beside
 from skinbus.errors import Fault
 from skinbus.model.robot import JointSettings, LinkFrame, RobotSettings
 
@@ -39,28 +39,13 @@ MAX_AGE_PERIODS: Final = 1.5
 
 
 class JointTable(Table):
-    """``[[joint]]``: where the position of a joint comes from, and how exact it is."""
+    """``[[joint]]``: the position of a joint that never moves, and how exact one is known."""
 
     name: Text
     fixed_deg: float | None = None
     fixed_mm: float | None = None
-    node_id: Annotated[int, Field(ge=1, le=127)] | None = None
-    bus: str | None = None
-    eds: Text | None = None
-    counts_per_turn: Positive | None = None
-    counts_per_mm: Positive | None = None
-    sign: Literal[1, -1] = 1
-    offset_deg: float | None = None
-    offset_mm: float | None = None
     sd_deg: NotNegative | None = None
     sd_mm: NotNegative | None = None
-
-
-_OF_UNIT: Final = {
-    "deg": ("fixed_deg", "counts_per_turn", "offset_deg", "sd_deg"),
-    "mm": ("fixed_mm", "counts_per_mm", "offset_mm", "sd_mm"),
-}
-_OF_DRIVE = ("bus", "eds", "counts_per_turn", "counts_per_mm", "offset_deg", "offset_mm")
 
 
 def check_bus(key: str, bus: str | None, buses: Sequence[str], faults: list[Fault]) -> None:
@@ -78,7 +63,6 @@ def robot_settings(
     robot: RobotTable | None,
     joints: Sequence[tuple[str, JointTable]],
     links: Sequence[tuple[str, LinkTable]],
-    buses: Sequence[str],
     rate_hz: float,
     path: Path,
     faults: list[Fault],
@@ -101,42 +85,22 @@ def robot_settings(
         tool=robot.tool,
         max_age_ns=round(1e6 * (robot.max_age_ms or usual_ms)),
         links=tuple(LinkFrame(name=link.frame or link.name, X_LS=_pose(link)) for _, link in links),
-        joints=tuple(_joint(key, joint, buses, path, faults) for key, joint in joints),
+        joints=tuple(_joint(key, joint, faults) for key, joint in joints),
     )
 
 
-def _joint(
-    key: str, joint: JointTable, buses: Sequence[str], path: Path, faults: list[Fault]
-) -> JointSettings:
-    given = {unit: [n for n in names if getattr(joint, n) is not None] for unit, names in _OF_UNIT.items()}
-    if all(given.values()):
-        seen = " and ".join(names[0] for names in given.values())
-        faults.append(Fault(key, seen, "keys in degrees or in mm, not both"))
-    unit, scale = ("mm", 1e-3) if given["mm"] else ("deg", math.radians(1.0))
-    fixed, offset, sd = (getattr(joint, f"{name}_{unit}") for name in ("fixed", "offset", "sd"))
-    counts_per_unit = (joint.counts_per_mm or 0.0) / 1e-3 + (joint.counts_per_turn or 0.0) / math.tau
-    if joint.node_id is None:
-        alone = [name for name in _OF_DRIVE if getattr(joint, name) is not None]
-        faults += [Fault(f"{key}.{name}", getattr(joint, name), "node_id beside it") for name in alone]
-    else:
-        if fixed is not None:
-            faults.append(Fault(f"{key}.node_id", joint.node_id, "a fixed position or a drive, not both"))
-        if joint.eds is None:
-            faults.append(Fault(f"{key}.eds", None, "the EDS or DCF of the drive"))
-        if not counts_per_unit:
-            wanted = "counts of 0x6064 a turn, or counts_per_mm"
-            faults.append(Fault(f"{key}.counts_per_turn", None, wanted))
-        check_bus(key, joint.bus, buses, faults)
+def _joint(key: str, joint: JointTable, faults: list[Fault]) -> JointSettings:
+    given = [name for name in joint.model_fields_set if name != "name"]
+    is_linear = [name.endswith("_mm") for name in given]
+    if len(set(is_linear)) > 1:
+        faults.append(Fault(key, " and ".join(sorted(given)), "keys in degrees or in mm, not both"))
+    unit, scale = ("mm", 1e-3) if any(is_linear) else ("deg", math.radians(1.0))
+    fixed, sd = (getattr(joint, f"{name}_{unit}") for name in ("fixed", "sd"))
     return JointSettings(
         name=joint.name,
         fixed=None if fixed is None else scale * fixed,
-        node_id=joint.node_id,
-        bus=buses.index(joint.bus) if joint.bus in buses else 0,
-        eds=eds_beside(joint.eds or "", path),
-        counts_per_unit=joint.sign * counts_per_unit,
-        offset=scale * (offset or 0.0),
         sd=scale * (sd or 0.0),
-        is_linear=bool(given["mm"]) if any(given.values()) else None,
+        is_linear=any(is_linear) if given else None,
         key=key,
     )
 

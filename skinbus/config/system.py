@@ -13,7 +13,6 @@ from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.config.arm_file import ArmFile, find_arm, read_arm_file
 from skinbus.config.arm_tables import eds_beside
-from skinbus.config.drives import check_drives
 from skinbus.config.mesh_links import lay_links
 from skinbus.config.mounting import outside, overlap
 from skinbus.config.placement import Mounting
@@ -169,7 +168,6 @@ def _check_bus(
             if taken != mounting.key:
                 cob_id = f"COB-ID 0x{pdo.cob_id:03X}"
                 faults.append(Fault(f"{mounting.key} TPDO {pdo.number}", cob_id, f"another: {taken} has it"))
-    check_drives(arm, seen, faults)
 
 
 def _check_mapped(

@@ -96,11 +96,9 @@ class Master(Core):
             from skinbus.master.robot import MasterRobot  # nobody else pays for it
 
             self.robot = MasterRobot(arm)
-        more = self.robot.cob_ids_on if self.robot else lambda bus: frozenset()
-        ids = [own | more(k) for k, own in enumerate(plan.cob_ids_on)]
         self.branches = [
             BusMaster(arm, k, node_id, plans, self.table, *stages, data_ids, follows=follows)
-            for k, data_ids in enumerate(ids)
+            for k, data_ids in enumerate(plan.cob_ids_on)
         ]
         """By bus."""
         self._follows = follows
@@ -203,8 +201,6 @@ class Master(Core):
         if self.branches[0].boots:
             self._begin_anew()
         frames_of = self._by_bus(frames)
-        if self.robot:
-            self.robot.take(frames, None if self._sync_ns == NEVER else self._sync_ns)
         is_over = self.gather.is_open and (
             self._is_complete() or now_ns >= self._deadline or (self._follows and _has_sync(frames_of[0]))
         )
@@ -249,7 +245,7 @@ class Master(Core):
             frames, found = branch.taken()
             out += frames
             events += found
-        return self.robot.spare_drives(out) if self.robot else out, events
+        return out, events
 
     def _by_bus(self, frames: Sequence[Frame]) -> list[Sequence[Frame]]:
         if self.n_buses == 1:

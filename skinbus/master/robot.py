@@ -1,4 +1,4 @@
-"""The robot in the master: positions from drives, contacts in its frames, objects of torques and wrenches.
+"""The robot in the master: positions from Python, contacts in its frames, objects of torques and wrenches.
 
 Nothing of it is made for an arm without ``[robot]``.
 """
@@ -12,12 +12,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.can.frame import NO_DATA, Frame
-from skinbus.config.drives import Drive, drives_of
 from skinbus.estimate import Contacts, Tracks
 from skinbus.model import Arm
 from skinbus.node.device import Device
-from skinbus.objects import cia, profile
+from skinbus.objects import profile
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import tpdos
 from skinbus.robot import RobotContacts, RobotFrames
@@ -37,28 +35,18 @@ class MasterRobot:
     """Takes joint positions as they come and, at the end of a cycle, writes what contacts do to the robot."""
 
     def __init__(self, arm: Arm) -> None:
-        """Read the URDF and the drives of an arm.
+        """Read the URDF of an arm.
 
         Raises:
-            ConfigError: the URDF, the arm file that goes with it or the EDS of a drive has faults.
+            ConfigError: the URDF, or the arm file that goes with it, has faults.
             SkinbusError: yourdfpy is not installed.
         """
         assert arm.robot is not None
         self.frames = RobotFrames(arm)
         self.positions = JointPositions(self.frames.chain, arm.robot)
-        self._drives: dict[tuple[int, int], list[tuple[int, Drive]]] = {}
-        for drive in drives_of(arm):
-            key = drive.joint.bus, drive.position.cob_id
-            self._drives.setdefault(key, []).append((self.frames.chain.names.index(drive.joint.name), drive))
-        self.bad_length = 0
-        """Frames of drives that were dropped because of their length."""
         self._outputs: list[_Objects] = []
         # from another thread, taken when a cycle closes; a deque bears both ends
         self._offered: deque[tuple[int, list[tuple[int, float]]]] = deque(maxlen=OFFERED)
-        self._came: list[tuple[int, int, float]] = []
-        """Positions since the last cycle: joint, time, position."""
-        self._patch_ids = [arm.node_id[arm.patches_on(k)].tolist() for k in range(len(arm.buses))]
-        self._shared_buses = {bus for bus, _ in self._drives}
 
     def publish_on(self, devices: Sequence[Device]) -> None:
         """Write the objects of these nodes of the master from now on."""
@@ -75,43 +63,6 @@ class MasterRobot:
         values = self.positions.resolve(positions)
         check_positions(self.frames.chain, values)
         self._offered.append((t_ns, values))
-
-    def spare_drives(self, frames: Sequence[Frame]) -> list[Frame]:
-        """Return frames; NMT commands for all nodes go to the patches alone where drives are on the bus.
-
-        A drive belongs to the robot's own control: to reset or to stop it would stop the robot.
-        """
-        spared: list[Frame] = []
-        for frame in frames:
-            is_for_all = frame.can_id == cia.NMT_COMMAND_ID and frame.data[1:] == b"\0"
-            if is_for_all and frame.bus in self._shared_buses:
-                ids = self._patch_ids[frame.bus]
-                spared += [frame._replace(data=bytes([frame.data[0], node_id])) for node_id in ids]
-            else:
-                spared.append(frame)
-        return spared
-
-    def cob_ids_on(self, bus: int) -> frozenset[int]:
-        """Return the identifiers of positions on a bus."""
-        return frozenset(cob_id for k, cob_id in self._drives if k == bus)
-
-    def take(self, frames: Sequence[Frame], sync_ns: int | None) -> None:
-        """Take the positions in frames; ``sync_ns`` is the time of the last SYNC, None before the first."""
-        if not self._drives:
-            return
-        for frame in frames:
-            for joint, drive in self._drives.get((frame.bus, frame.can_id), ()):
-                position = drive.position
-                counts = None if frame.flags & NO_DATA else position.counts(frame.data)
-                if counts is None:
-                    self.bad_length += 1
-                    continue
-                t_ns: int | None = frame.t_ns
-                if position.is_synchronous:
-                    t_ns = sync_ns
-                if t_ns is not None:
-                    settings = drive.joint
-                    self._came.append((joint, t_ns, settings.offset + counts / settings.counts_per_unit))
 
     def clear(self) -> None:
         """Write that nothing is known of the robot, and send it: there is no cycle now."""
@@ -132,10 +83,7 @@ class MasterRobot:
         """Return contacts on the robot, at the joint positions of a time."""
         while self._offered:
             when, values = self._offered.popleft()
-            self._came += [(joint, when, value) for joint, value in values]
-        if self._came:
-            self.positions.put_all(self._came)
-            self._came.clear()
+            self.positions.put_all((joint, when, value) for joint, value in values)
         at = None if is_blind else self.positions.at(t_ns)
         return self.frames.place(contacts, *(at or (None,)))
 

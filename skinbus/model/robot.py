@@ -12,7 +12,7 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointSettings:
-    """One joint: its position is fixed, comes from a drive on the bus, or, with neither, from Python.
+    """One joint: its position is fixed or comes from Python.
 
     Positions are rad of revolute and continuous joints, m of prismatic ones.
     """
@@ -20,14 +20,6 @@ class JointSettings:
     name: str
     """As in the URDF."""
     fixed: float | None = None
-    node_id: int | None = None
-    bus: int = 0
-    eds: str = ""
-    """Path of the EDS or DCF of the drive, which maps 0x6064 into a TPDO."""
-    counts_per_unit: float = 0.0
-    """Counts of 0x6064 per rad or m, negative where the drive counts against the joint."""
-    offset: float = 0.0
-    """Position of the joint where 0x6064 is 0."""
     sd: float = 0.0
     """Standard deviation of the position."""
     is_linear: bool | None = None

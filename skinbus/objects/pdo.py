@@ -146,11 +146,6 @@ def carries_readings(pdo: PdoMap) -> bool:
     return pdo.valid and not pdo.extended and bool(readings_in(pdo))
 
 
-def rpdos(od: ObjectDictionary, read: ReadValue | None = None) -> list[PdoMap]:
-    """Return all RPDOs of a dictionary in the order of their numbers."""
-    return [compile_pdo(od, Direction.RPDO, n, read) for n in pdo_numbers(od, Direction.RPDO)]
-
-
 def _compile_entries(od: ObjectDictionary, mapping: int, read: ReadValue) -> tuple[PdoEntry, ...]:
     if mapping not in od.indices:
         return ()

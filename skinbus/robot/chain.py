@@ -142,7 +142,7 @@ def load_chain(settings: RobotSettings) -> Chain:
             why = "that moves skin or tool" if said.name in every else "of the URDF"
             faults.append(Fault(f"{said.key}.name", said.name, f"a joint {why}: {', '.join(kinds)}"))
         elif said.is_linear is not None and said.is_linear != (kind == "prismatic"):
-            keys = "keys in mm" if kind == "prismatic" else "counts_per_turn and keys in degrees"
+            keys = "keys in mm" if kind == "prismatic" else "keys in degrees"
             faults.append(Fault(said.key, said.name, f"{keys}: it is {kind}"))
     if faults:
         raise ConfigError(settings.file, faults)

@@ -36,7 +36,7 @@ KEPT: Final = 64
 
 
 class JointPositions:
-    """The positions of the joints of a chain: from Python, from drives, or fixed."""
+    """The positions of the joints of a chain: from Python, or fixed."""
 
     def __init__(self, chain: Chain, settings: RobotSettings) -> None:
         said = {joint.name: joint for joint in settings.joints}
@@ -51,12 +51,12 @@ class JointPositions:
         self._from_python = [
             j
             for j, name in enumerate(chain.names)
-            if name not in said or (said[name].fixed is None and said[name].node_id is None)
+            if name not in said or said[name].fixed is None
         ]
 
     @property
     def from_python(self) -> tuple[str, ...]:
-        """Names of the joints that :meth:`set` sets: those that are neither fixed nor of a drive."""
+        """Names of the joints that :meth:`set` sets: those that are not fixed."""
         return tuple(self.names[j] for j in self._from_python)
 
     def set(self, t_ns: int, positions: npt.ArrayLike | Mapping[str, float]) -> None:
@@ -77,7 +77,7 @@ class JointPositions:
         if isinstance(positions, Mapping):
             unknown = [name for name in positions if name not in self.from_python]
             if unknown:
-                wanted = ", ".join(self.from_python) or "none: all are fixed or from drives"
+                wanted = ", ".join(self.from_python) or "none: all are fixed"
                 raise ArgumentError(f"no joint {unknown[0]!r} to be set; wanted {wanted}")
             joints, given = [self.names.index(name) for name in positions], list(positions.values())
         try:

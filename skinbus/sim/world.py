@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import inf
-from typing import TYPE_CHECKING, Final, Literal
+from typing import Final, Literal
 
 from canopen.objectdictionary import ObjectDictionary
 
@@ -33,9 +33,6 @@ from skinbus.sim.effect import Stage, on_bus, stream
 from skinbus.sim.sampler import Sampler
 from skinbus.sim.scene import Scene
 from skinbus.sim.touch import Touches
-
-if TYPE_CHECKING:
-    from skinbus.sim.drives import Drives
 
 _HISTORY: Final = 4096
 BOOT_S: Final = (0.005, 0.050)
@@ -72,8 +69,8 @@ class World(Core):
             1.0 / arm.bus.rate_hz, follows=follows, repeat_s=scene.duration_s if repeat else inf
         )
         boot_s = stream(scene.seed, "boot").uniform(*BOOT_S, arm.n_patches)
-        self._buses = list(range(len(arm.buses)) if buses is None else buses)
-        patches = [arm.patches_on(bus) for bus in self._buses]
+        on_buses = list(range(len(arm.buses)) if buses is None else buses)
+        patches = [arm.patches_on(bus) for bus in on_buses]
         self.boards = [
             Boards(
                 part := arm.part(bus),
@@ -88,7 +85,7 @@ class World(Core):
                 ],
                 scene_s=lambda: self._clock.now_s,
             )
-            for k, (bus, mine) in enumerate(zip(self._buses, patches, strict=True))
+            for k, (bus, mine) in enumerate(zip(on_buses, patches, strict=True))
         ]
         """By bus."""
         self._tactels = [slice(arm.patch_start[mine.start], arm.patch_start[mine.stop]) for mine in patches]
@@ -105,12 +102,6 @@ class World(Core):
             for device in self.devices:
                 device.sample_status = SampleStatus.OLD
         self._powered = False
-        self._drives: Drives | None = None
-        if scene.motion is not None:
-            from skinbus.sim.drives import Drives  # nothing of robots is loaded without one
-
-            self._drives = Drives(arm, scene.motion)
-        self._waiting: list[list[Frame]] = [[] for _ in self.boards]
         self.on_sample: Callable[[int, float], None] | None = None
         """Called with bus time (ns) and scene time (s) when a sample is taken."""
 
@@ -149,15 +140,13 @@ class World(Core):
             self._sample_freely(now_ns)
         if len(self.boards) == 1:
             step = self.boards[0].step(now_ns, frames)
-            if self._waiting[0]:
-                step = step._replace(frames=[*step.frames, *self._sent(0)])
             return step if self._by_sync else step._replace(wake_ns=min(step.wake_ns, self._next_sample_ns))
         out: list[Frame] = []
         events: list[Event] = []
         wake_ns = self._next_sample_ns
         for k, boards in enumerate(self.boards):
             step = boards.step(now_ns, [frame for frame in frames if frame.bus == k])
-            out += [on_bus(k, frame) for frame in (*step.frames, *self._sent(k))]
+            out += [on_bus(k, frame) for frame in step.frames]
             events += [replace(event, bus=k) for event in step.events]
             wake_ns = min(wake_ns, step.wake_ns)
         return Step(out, events, wake_ns)
@@ -177,14 +166,7 @@ class World(Core):
         if self._by_sync and is_due:
             self._sample(now_ns)
         self._has_sample[k] = True
-        if self._drives is not None:
-            self._waiting[k] = self._drives.frames(self._buses[k], self._clock.now_s)
         return self._counts[k], self._sampled_ns
-
-    def _sent(self, k: int) -> list[Frame]:
-        """Return what drives on bus k send."""
-        frames, self._waiting[k] = self._waiting[k], []
-        return frames
 
     def _sample(self, now_ns: int) -> None:
         """Take a sample of all patches."""

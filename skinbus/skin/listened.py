@@ -106,7 +106,7 @@ class ListenCore(Core):
         """What the patches send as pressures, where that was asked for."""
         self._heard = Readings.none(arm.n_tactels)
         self.robot = RobotHere(arm)
-        """Joint positions from the program and from drives."""
+        """Joint positions from the program."""
         self._sent_by = np.full((len(arm.buses), N_IDS), -1, np.int32)
         """Patch that sends an identifier, by bus."""
         for p, (od, bus, number) in enumerate(zip(ods, arm.patch_bus, arm.node_id, strict=True)):
@@ -114,8 +114,7 @@ class ListenCore(Core):
             self._sent_by[bus, [*ids, cia.HEARTBEAT_BASE + number, cia.EMCY_BASE + number]] = p
         others = listener.cob_ids | {cia.SDO_SERVER_BASE + node_id}
         self._ids = [
-            frozenset(np.flatnonzero(sent_by >= 0).tolist()) | others | self.robot.cob_ids_on(k)
-            for k, sent_by in enumerate(self._sent_by)
+            frozenset(np.flatnonzero(sent_by >= 0).tolist()) | others for sent_by in self._sent_by
         ]
         self.requests: deque[Request] = deque()
         """What the program asks for."""
@@ -148,7 +147,6 @@ class ListenCore(Core):
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take frames; return requests to the master."""
-        self.robot.take(frames)
         for frame in frames:
             p = self._sent_by[frame.bus, frame.can_id] if frame.can_id < N_IDS else -1
             if p >= 0:

@@ -1,22 +1,19 @@
 """The robot in a process that reads contacts of a master elsewhere: joint positions come to it here.
 
 What is published of a contact is its place on the skin. A reader that has the arm file, and joint positions
-from its own program or from drives on the bus, places it in the frames of the robot as the master does.
+from its own program, places it in the frames of the robot as the master does.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
 from types import SimpleNamespace
 
 import numpy as np
 
-from skinbus.can.frame import Frame
 from skinbus.errors import LocalProtocolError
 from skinbus.estimate import TrackState
 from skinbus.model import Arm
-from skinbus.objects import cia
 from skinbus.skin.contact import Placed, Records
 from skinbus.skin.feed import Positions
 
@@ -31,7 +28,7 @@ class RobotHere:
         """Read the URDF of an arm.
 
         Raises:
-            ConfigError: the URDF, the arm file that goes with it or the EDS of a drive has faults.
+            ConfigError: the URDF, or the arm file that goes with it, has faults.
             SkinbusError: yourdfpy is not installed.
         """
         self._robot = None
@@ -40,22 +37,7 @@ class RobotHere:
 
             self._robot = MasterRobot(arm)
         self._n_links = len(arm.links) if arm else 0
-        self._sync_ns: int | None = None
         self._lock = threading.Lock()  # cycles may be read by several threads; kernels share their arrays
-
-    def cob_ids_on(self, bus: int) -> frozenset[int]:
-        """Return the identifiers of positions of drives on a bus, and of the SYNC that they answer."""
-        return (self._robot.cob_ids_on(bus) if self._robot else frozenset()) | {cia.SYNC_ID}
-
-    def take(self, frames: Sequence[Frame]) -> None:
-        """Take the positions in frames, each with the SYNC before it."""
-        if self._robot is None:
-            return
-        with self._lock:
-            for frame in frames:
-                if frame.can_id == cia.SYNC_ID:
-                    self._sync_ns = frame.t_ns
-                self._robot.take((frame,), self._sync_ns)
 
     def offer(self, t_ns: int, positions: Positions) -> None:
         """Take positions of a time from the program, from any thread.

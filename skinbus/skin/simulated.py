@@ -35,8 +35,8 @@ def simulate(
 ) -> Skin:
     """Simulate the patches of a scene and their master, in this process.
 
-    Joints that the scene moves and that no drive reports are set as the scene has them. The same scene gives
-    the same cycles; they end with the scene. ``skinbus sim`` simulates patches on a bus.
+    Joints that the scene moves are set as the scene has them. The same scene gives the same cycles; they end
+    with the scene. ``skinbus sim`` simulates patches on a bus.
 
     Args:
         scene: name or TOML file of a scene.
@@ -77,13 +77,12 @@ def simulate(
     wires.attach(world)
     wires.attach(master)
     if motion is not None and master.robot is not None:
-        from_scene = set(motion.moved) & set(master.robot.positions.from_python)
 
         def follow(now_ns: int, t_s: float) -> None:
             here = zip(motion.names, motion.positions(t_s).tolist(), strict=True)
-            offer(master, now_ns, {name: position for name, position in here if name in from_scene})
+            offer(master, now_ns, {name: position for name, position in here if name in motion.moved})
 
-        world.on_sample = follow if from_scene else None
+        world.on_sample = follow
     what = f"scene {scene}" if isinstance(scene, str | Path) else "a scene"
     return played(what, cycles(), maker, master, realtime=realtime)
 

@@ -138,7 +138,7 @@ class Skin:
     def joints(self) -> Floats:
         """Joint positions (rad; m of prismatic joints) at the SYNC of the newest cycle, NaN where not known.
 
-        Set them as they are now: a number for each joint that is neither fixed nor of a drive, in the order
+        Set them as they are now: a number for each joint that is not fixed, in the order
         of ``joint_names``, or some by name. Raises ArgumentError for others, and LocalProtocolError where the
         source takes none: only the process of the master does.
         """

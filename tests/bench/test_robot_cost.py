@@ -1,4 +1,4 @@
-"""What the robot adds to a cycle: seven joints from drives, 16 contacts; beside a cycle of 24 patches.
+"""What the robot adds to a cycle: seven joints, 16 contacts; beside a cycle of 24 patches.
 
 python -m pytest tests/bench/test_robot_cost.py tests/bench/test_cycle.py --benchmark-enable
 """
@@ -8,12 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from skinbus.can.frame import Frame
 from skinbus.master.robot import MasterRobot
-from skinbus.model import JointSettings
 from skinbus.node.device import Device
 from skinbus.objects.eds import load_eds
-from tests.master.drives import drive_eds
 from tests.robot.robots import URDF, arm_on, columns_on
 
 pytestmark = pytest.mark.slow
@@ -27,27 +24,21 @@ JOINTS += ["wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]
 
 
 def test_seven_joints_and_sixteen_contacts(benchmark, tmp_path):
-    (tmp_path / "drive.eds").write_text(drive_eds())
     path = tmp_path / "on-a-rail.urdf"
     path.write_text((URDF / "ur10e.urdf").read_text().replace("</robot>", RAIL))
-    joints = [
-        JointSettings(name=name, node_id=40 + k, eds=str(tmp_path / "drive.eds"), counts_per_unit=1e5)
-        for k, name in enumerate(JOINTS)
-    ]
     rng = np.random.default_rng(1)
     links = ["upper_arm_link", "forearm_link", "wrist_2_link", "wrist_3_link"]
-    arm = arm_on(path, links, rng, tool="tool0", joints=joints)
+    arm = arm_on(path, links, rng, tool="tool0")
     robot = MasterRobot(arm)
     assert robot.frames.chain.n_joints == 7
     robot.publish_on([Device(load_eds("skin-master", 127), 127)])
     contacts = columns_on(arm, rng, 16)
     tracks = SimpleNamespace(slot=np.arange(16), row=np.arange(16))
-    frames = [Frame(0x180 + 40 + k, b"\x37\x02" + k.to_bytes(4, "little")) for k in range(7)]
     t_ns = [0]
 
     def cycle():
         t_ns[0] += 20_000_000
-        robot.take(frames, t_ns[0])
+        robot.offer(t_ns[0], dict.fromkeys(JOINTS, 0.1))
         return robot.close(t_ns[0], contacts, tracks, is_blind=False)
 
     for _ in range(3):

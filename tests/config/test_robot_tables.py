@@ -36,11 +36,6 @@ link = "upper_arm_link"
 s_mm = 100
 [[joint]]
 name = "elbow_joint"
-node_id = 33
-eds = "drive.eds"
-counts_per_turn = 360_000
-sign = -1
-offset_deg = 90
 sd_deg = 0.1
 [[joint]]
 name = "rail"
@@ -67,10 +62,9 @@ def test_the_robot_is_read_in_si_units(tmp_path):
     np.testing.assert_allclose(upper.X_LS[:3, :3], [[0, 0, 1], [1, 0, 0], [0, 1, 0]], atol=1e-15)
     np.testing.assert_array_equal(fore.X_LS, np.eye(4))
     elbow, rail = robot.joints
-    assert (elbow.node_id, elbow.eds, elbow.is_linear) == (33, str(tmp_path / "drive.eds"), False)
-    assert elbow.counts_per_unit == pytest.approx(-360_000 / math.tau)
-    assert (elbow.offset, elbow.sd) == pytest.approx((math.pi / 2, math.radians(0.1)))
-    assert (rail.fixed, rail.is_linear, rail.node_id) == (0.25, True, None)
+    assert (elbow.fixed, elbow.is_linear) == (None, False)
+    assert elbow.sd == pytest.approx(math.radians(0.1))
+    assert (rail.fixed, rail.is_linear) == (0.25, True)
 
 
 def test_an_arm_without_a_robot_has_none():
@@ -91,14 +85,9 @@ def test_an_arm_without_a_robot_has_none():
             'name = "elbow_joint"',
             "joint[2].name: is 'elbow_joint'; wanted another: joint[1]",
         ),
-        ("node_id = 33", "", "joint[1].eds: is 'drive.eds'; wanted node_id beside it"),
-        ('eds = "drive.eds"', "", "joint[1].eds: wanted the EDS or DCF of the drive"),
-        ("counts_per_turn = 360_000", "", "joint[1].counts_per_turn: wanted counts of 0x6064 a turn"),
-        ("sd_deg = 0.1", "sd_mm = 0.1", "joint[1]: is 'counts_per_turn and sd_mm'; wanted keys in degrees"),
-        ("sd_deg = 0.1", "fixed_deg = 0", "joint[1].node_id: is 33; wanted a fixed position or a drive"),
-        ("sign = -1", "sign = 2", "joint[1].sign: is 2; wanted 1 or -1"),
-        ("sign = -1", 'bus = "right"', "joint[1].bus: is 'right'; wanted no such key: there is no [[bus]]"),
-        ("sign = -1", "typo = 1", "joint[1].typo: is 1; wanted no such key"),
+        ("sd_deg = 0.1", "sd_deg = 0\nfixed_mm = 1", "joint[1]: is 'fixed_mm and sd_deg'; wanted keys in"),
+        ("sd_deg = 0.1", "sd_deg = -1", "joint[1].sd_deg: is -1; wanted greater than or equal to 0"),
+        ("sd_deg = 0.1", "typo = 1", "joint[1].typo: is 1; wanted no such key"),
         ('[robot]\nurdf = "ur10e.urdf"', "[robot]", "robot.urdf: wanted a value"),
     ],
 )

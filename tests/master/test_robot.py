@@ -1,29 +1,36 @@
-"""A robot on the bus: drives send positions, the master contacts in the base frame and joint torques."""
+"""A robot on the bus: from joint positions the master makes contacts in the base frame and joint torques."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
+from skinbus.can.core import NEVER, Core, Step
 from skinbus.objects.contacts import ContactState
 from skinbus.objects.eds import load_eds
 from skinbus.objects.profile import contact, look_up_array
-from tests.master.drives import Drive
 from tests.master.rig import MS, Rig
 from tests.robot.two_joints import write
 
 pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
 
-COUNTS = 100_000 / math.tau
-
 CONTACT_MEMBERS = [v.name for v in look_up_array(load_eds("skin-master", 127), contact(1))]
 
 
-@dataclass
-class Robot:
-    rig: Rig
-    drive: Drive
+class Robot(Core):
+    """Says at each SYNC where its first joint is."""
+
+    cob_ids = frozenset({0x80})
+
+    def __init__(self, rig):
+        self.rig = rig
+        self.is_silent = False
+        rig.wire.attach(self)
+
+    def step(self, now_ns, frames):
+        if frames and not self.is_silent:
+            self.rig.master.robot.offer(now_ns, {"first": self.angle(now_ns)})
+        return Step((), (), NEVER)
 
     def angle(self, t_ns):
         return 1.0 * (1e-9 * t_ns - 0.5)  # 1 rad/s
@@ -31,11 +38,7 @@ class Robot:
 
 @pytest.fixture
 def robot(tmp_path):
-    rig = Rig(str(write(tmp_path) / "scene.toml"), level="fit")
-    robot = Robot(rig, None)
-    robot.drive = Drive(20, lambda t_ns: round(-(robot.angle(t_ns) - math.pi / 2) * COUNTS))
-    rig.wire.attach(robot.drive)
-    return robot
+    return Robot(Rig(str(write(tmp_path) / "scene.toml"), level="fit"))
 
 
 def test_contacts_are_where_the_moving_arm_has_them(robot):
@@ -48,7 +51,7 @@ def test_contacts_are_where_the_moving_arm_has_them(robot):
         assert report.robot.valid
         np.testing.assert_allclose(
             report.robot.positions, [q, second], atol=2e-4
-        )  # 0.1 ms of SYNC on the wire, a count
+        )  # 0.1 ms of SYNC on the wire
         # the plate's frame by hand: at the elbow, turned by q about z, then by 30 degrees about y
         turn = np.array([[math.cos(q), -math.sin(q), 0], [math.sin(q), math.cos(q), 0], [0, 0, 1]])
         tilt = np.array(
@@ -64,7 +67,7 @@ def test_contacts_are_where_the_moving_arm_has_them(robot):
             np.cross(report.robot.point[0, 1] - [0, 0, 0.3], force)[2],
             turn[:, 1] @ np.cross(lever, force),
         ]
-        np.testing.assert_allclose(report.robot.torques, expected, atol=1e-4)  # of counts: 6e-5 rad
+        np.testing.assert_allclose(report.robot.torques, expected, atol=1e-4)
     assert np.sqrt((np.array(errors) ** 2).sum(axis=1).mean()) < 1e-3
 
 
@@ -93,9 +96,9 @@ def test_the_record_and_the_objects_say_the_same(robot):
         assert device.get(0x2504, k) == round(placed.torques[k - 1] / 0.01)
 
 
-def test_a_silent_drive_makes_the_base_invalid_not_wrong(robot):
+def test_a_silent_controller_makes_the_base_invalid_not_wrong(robot):
     robot.rig.run(1000)
-    robot.drive.is_silent = True
+    robot.is_silent = True
     reports, _, _ = robot.rig.run(300)
     late = [report for report in reports if report.t_ns > 1100 * MS]
     assert late
@@ -108,14 +111,6 @@ def test_a_silent_drive_makes_the_base_invalid_not_wrong(robot):
     assert device.get(0x2500, 1) == device.get(0x3001, 0x3B) == 0
     assert device.get(0x2504, 1) == -0x8000
     assert device.get(0x2502, 1) == 0.0
-    robot.drive.is_silent = False
+    robot.is_silent = False
     reports, _, _ = robot.rig.run(200)
     assert reports[-1].robot.valid
-
-
-def test_drives_are_never_commanded(robot):
-    robot.rig.run(1000)
-    robot.rig.master.stop(1000 * MS)
-    assert robot.drive.commands
-    assert all(data[1] == 1 for data in robot.drive.commands)
-    assert all(frame.data[1:] == b"\x01" for frame in robot.rig.master.stop(1001 * MS) if frame.can_id == 0)

@@ -21,7 +21,7 @@ def robot(folder, joints):
 
 def test_a_joint_that_the_urdf_does_not_have_is_a_fault_of_the_arm_file(tmp_path):
     write(tmp_path, ARM.replace('"second"', '"elbow"'))
-    with pytest.raises(ConfigError, match=r"joint\[2\]\.name: is 'elbow'; wanted a joint of the URDF"):
+    with pytest.raises(ConfigError, match=r"joint\[1\]\.name: is 'elbow'; wanted a joint of the URDF"):
         check_robot(load_arm(str(tmp_path / "arm.toml")))
 
 

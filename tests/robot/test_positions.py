@@ -123,7 +123,7 @@ def test_a_continuous_joint_goes_the_short_way_round():
 
 
 def test_what_cannot_be_is_refused_and_changes_nothing():
-    joints = positions(("revolute", "revolute"), JointSettings(name="j1", node_id=5, counts_per_unit=1.0))
+    joints = positions(("revolute", "revolute"), JointSettings(name="j1", fixed=1.0))
     for bad, why in (
         ([1.0, 2.0], r"wanted \(1,\)"),
         ({"j1": 0.0}, "no joint 'j1' to be set; wanted j0"),
@@ -135,5 +135,5 @@ def test_what_cannot_be_is_refused_and_changes_nothing():
         with pytest.raises(ArgumentError, match=why):
             joints.set(0, bad)
     for ms in (0, 20, 40):
-        joints.put_all([(0, ms * MS, 0.0), (1, ms * MS, 1.0)])
+        joints.set(ms * MS, [0.0])
     np.testing.assert_array_equal(joints.at(40 * MS)[0], [0.0, 1.0])

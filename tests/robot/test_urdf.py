@@ -166,7 +166,7 @@ def test_all_names_that_the_urdf_does_not_have_are_reported_at_once():
         chain_of(URDF / "ur10e.urdf", ["upper_arm", "tool0"], base="wrist_1_link", tool="t", joints=joints)
     keys = [fault.key for fault in refused.value.faults]
     assert keys == ["robot.tool", "link[1].name or .frame", "robot.base", "joint[1].name", "joint[2]"]
-    with pytest.raises(ConfigError, match=r"joint\[2\]: is 'elbow_joint'; wanted counts_per_turn"):
+    with pytest.raises(ConfigError, match=r"joint\[2\]: is 'elbow_joint'; wanted keys in degrees"):
         chain_of(URDF / "ur10e.urdf", ["tool0"], tool="tool0", joints=joints[1:])
 
 

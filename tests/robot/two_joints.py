@@ -1,7 +1,5 @@
 """A pad on a robot of two joints, pressed by a finger: files that tests write."""
 
-from tests.master.drives import drive_eds
-
 URDF = """<robot name="two"><link name="base"/><link name="upper"/><link name="plate"/>
 <joint name="first" type="revolute"><parent link="base"/><child link="upper"/>
   <origin xyz="0 0 0.3"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
@@ -24,13 +22,6 @@ width_mm = 50.0
 node_id = 1
 link = "plate"
 s_mm = 25.0
-[[joint]]
-name = "first"
-node_id = 20
-eds = "drive.eds"
-counts_per_turn = 100_000
-sign = -1
-offset_deg = 90
 [[joint]]
 name = "second"
 fixed_deg = 30
@@ -62,9 +53,8 @@ fixed_deg = 30
 """
 
 
-def write(folder, arm=ARM, **eds):
+def write(folder, arm=ARM):
     (folder / "two.urdf").write_text(URDF)
-    (folder / "drive.eds").write_text(drive_eds(**eds))
     (folder / "arm.toml").write_text(arm)
     (folder / "scene.toml").write_text(SCENE)
     return folder

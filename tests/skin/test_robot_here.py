@@ -1,6 +1,5 @@
 """Readers of a master elsewhere place its contacts in the frames of the robot as the master itself does."""
 
-import math
 import os
 
 import numpy as np
@@ -13,8 +12,7 @@ from skinbus.skin.cycle import SkinLayout
 from skinbus.skin.feed import Feed
 from skinbus.skin.listened import ListenCore
 from skinbus.skin.shared_memory import SharedWriter
-from tests.master.drives import Drive
-from tests.master.rig import Rig
+from tests.master.rig import MS, Rig
 from tests.robot.two_joints import ARM, write
 from tests.skin.scenes import write as write_slide
 
@@ -96,15 +94,16 @@ def test_an_arm_file_whose_numbers_mean_something_else_is_refused(tmp_path, old,
 
 
 @pytest.mark.slow
-def test_a_listener_takes_the_positions_of_drives_from_the_bus(tmp_path):
+def test_a_listener_places_contacts_as_the_master_does_at_the_same_positions(tmp_path):
     rig = Rig(str(write(tmp_path) / "scene.toml"), level="fit")
-    counts = 100_000 / math.tau
-    drive = Drive(20, lambda t_ns: round(-((1e-9 * t_ns - 0.5) - math.pi / 2) * counts))
-    rig.wire.attach(drive)
     arm = rig.scene.arm
     feed = Feed(SkinLayout.of(arm), "a test")
-    rig.wire.attach(ListenCore(arm, 127, rig.wire.clock, feed))
-    rig.run(1500)
+    listener = ListenCore(arm, 127, rig.wire.clock, feed)
+    rig.wire.attach(listener)
+    for ms in range(0, 1500, 10):
+        for robot in (rig.master.robot, listener.robot):
+            robot.offer(ms * MS, {"first": 1e-3 * ms - 0.5})
+        rig.run(10)
     n_compared = 0
     by_counter = {report.counter: report for report in rig.reports}
     first = feed.get(1, 0.0)
