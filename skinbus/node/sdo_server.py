@@ -1,85 +1,65 @@
-"""The SDO server: expedited, segmented and block transfers, one at a time, by tables of phase and command."""
+"""The SDO server: one transfer at a time, expedited, in segments or in blocks, each a generator of answers.
+
+A transfer yields what it answers and which request goes on with it, is sent that request, and returns its
+last answers. Source: CiA 301, 7.2.4.3; block transfers 7.2.4.3.8 to 7.2.4.3.16.
+"""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
-from enum import Enum, auto
+from binascii import crc_hqx
+from collections.abc import Callable, Generator, Sequence
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.node.context import Context, Handler
 from skinbus.node.dictionary import MAX_LENGTH, Dictionary, SdoAbort
 from skinbus.node.nmt import Service
-from skinbus.node.sdo_block import (
-    ACKNOWLEDGE,
-    BEGIN,
-    CRC_SUPPORTED,
-    END,
-    END_OF_DOWNLOAD,
-    INITIATE,
-    MAX_BLOCK,
-    REPLY_DOWNLOAD_END,
-    SEGMENT,
-    UPLOAD_STEP,
-    BlockDownload,
-    BlockUpload,
-)
-from skinbus.node.sdo_block import REPLY_DOWNLOAD as REPLY_BLOCK_DOWNLOAD
-from skinbus.node.sdo_block import REPLY_UPLOAD as REPLY_BLOCK_UPLOAD
-from skinbus.node.sdo_block import SIZE_GIVEN as BLOCK_SIZE_GIVEN
 from skinbus.objects.cia import SDO_CLIENT_BASE, SDO_SERVER, SDO_SERVER_BASE, AbortCode
 
 DEFAULT_TIMEOUT_NS = 1_000_000_000
 FRAME_LENGTH = 8
-
-# First byte, CiA 301 7.2.4.3: command in bits 5-7, the rest by command.
-EXPEDITED = 0x02
-SIZE_GIVEN = 0x01
-TOGGLE = 0x10
-LAST_SEGMENT = 0x01
-REPLY_DOWNLOAD = 0x60
-REPLY_DOWNLOAD_SEGMENT = 0x20
-REPLY_UPLOAD = 0x40
-REPLY_UPLOAD_SEGMENT = 0x00
-ABORT = 0x80
-"""The same both ways."""
-
-HEAD = struct.Struct("<BHB")
-HEAD_AND_NUMBER = struct.Struct("<BHBI")
-
-
-class Command(Enum):
-    """What a client may ask; the value is the command specifier."""
-
-    DOWNLOAD_SEGMENT = 0
-    DOWNLOAD = 1
-    UPLOAD = 2
-    UPLOAD_SEGMENT = 3
-    ABORT = 4
-    BLOCK_UPLOAD = 5
-    BLOCK_DOWNLOAD = 6
-    UNKNOWN = 7
-
-
-class Phase(Enum):
-    """Where the transfer stands."""
-
-    IDLE = auto()
-    DOWNLOADING = auto()
-    UPLOADING = auto()
-    BLOCK_DOWNLOADING = auto()
-    BLOCK_DOWNLOADED = auto()
-    BLOCK_UPLOAD_ASKED = auto()
-    BLOCK_UPLOADING = auto()
-    BLOCK_UPLOADED = auto()
-
-
+SEGMENT = 7
+"""Bytes of a segment."""
+MAX_BLOCK = 127
+"""Segments of a block."""
 BURST = 4
 PACE_NS = 1_000_000
 """A block goes out in bursts so far apart: what is more urgent does not wait for all of it in the queue."""
 
-_COMMANDS = tuple(Command(i) for i in range(8))
+HEAD = struct.Struct("<BHB")
+HEAD_AND_NUMBER = struct.Struct("<BHBI")
+
+# First byte: command in bits 5-7, the rest by command.
+EXPEDITED = 0x02
+SIZE_GIVEN = 0x01
+TOGGLE = 0x10
+LAST_SEGMENT = 0x01
+ABORT = 0x80
+"""The same both ways."""
+BLOCK_CRC = 0x04
+BLOCK_SIZE_GIVEN = 0x02
+BLOCK_LAST = 0x80
+"""Bit of the number of the last segment."""
+
+# What a client asks for.
+DOWNLOAD, UPLOAD, BLOCK_UPLOAD, BLOCK_DOWNLOAD, UNKNOWN = 1, 2, 5, 6, 7
+LATER_STEP = {BLOCK_UPLOAD: 0x03, BLOCK_DOWNLOAD: 0x01}
+"""Bits that are 0 where a block transfer begins."""
+
+Request = tuple[int, int]
+"""Requests by their first byte: bits that are looked at, and their values."""
+DOWNLOAD_SEGMENT: Request = (0xE0, 0x00)
+UPLOAD_SEGMENT: Request = (0xE0, 0x60)
+BLOCK_SEGMENT: Request = (0x00, 0x00)
+"""All that is no abort."""
+BLOCK_DOWNLOAD_END: Request = (0xE1, 0xC1)
+BLOCK_UPLOAD_END: Request = (0xE3, 0xA1)
+BLOCK_UPLOAD_GOT: Request = (0xE3, 0xA2)
+BLOCK_UPLOAD_BEGIN: Request = (0xE3, 0xA3)
+
+Transfer = Generator[tuple[Sequence[bytes], Request], bytes, Sequence[bytes]]
+"""It is sent a request, or nothing, b"", when the next burst is due."""
 
 
 class SdoServer:
@@ -93,45 +73,19 @@ class SdoServer:
         self.context = context
         self.dictionary = dictionary
         self.timeout_ns = timeout_ns
-        self.wake_ns = NEVER
-        self.phase = Phase.IDLE
         self._index = self._sub = 0
-        self._toggle = 0
-        self._buffer = bytearray()
-        self._announced: int | None = None
-        self._position = 0
-        self._deadline_ns = self._burst_ns = NEVER
-        self._block_down = BlockDownload(None, with_crc=False)
-        self._block_up = BlockUpload(b"", MAX_BLOCK, with_crc=False)
-        start: dict[Command, Callable[[bytes], None]] = {
-            Command.DOWNLOAD: self._download,
-            Command.UPLOAD: self._upload,
-            Command.ABORT: self._aborted,
-            Command.BLOCK_DOWNLOAD: self._block_download,
-            Command.BLOCK_UPLOAD: self._block_upload,
+        self._starts: dict[int, Callable[[bytes], Transfer]] = {
+            DOWNLOAD: self._download,
+            UPLOAD: self._upload,
+            BLOCK_UPLOAD: self._block_upload,
+            BLOCK_DOWNLOAD: self._block_download,
         }
-        # A new start is allowed in the middle of a transfer, which it ends; what is missing here is refused.
-        self._table: dict[Phase, dict[Command, Callable[[bytes], None]]] = {
-            Phase.IDLE: start,
-            Phase.DOWNLOADING: {**start, Command.DOWNLOAD_SEGMENT: self._download_segment},
-            Phase.UPLOADING: {**start, Command.UPLOAD_SEGMENT: self._upload_segment},
-            Phase.BLOCK_DOWNLOADING: {Command.ABORT: self._aborted},  # all else is a segment
-            Phase.BLOCK_DOWNLOADED: start,
-            Phase.BLOCK_UPLOAD_ASKED: start,
-            Phase.BLOCK_UPLOADING: start,
-            Phase.BLOCK_UPLOADED: start,
-        }
-        self._upload_steps: dict[tuple[Phase, int], Callable[[bytes], None]] = {
-            **{(phase, INITIATE): self._block_upload_asked for phase in Phase},
-            (Phase.BLOCK_UPLOAD_ASKED, BEGIN): self._block_begin,
-            (Phase.BLOCK_UPLOADING, ACKNOWLEDGE): self._block_acknowledged,
-            (Phase.BLOCK_UPLOADED, END): self._aborted,
-        }
+        self.reset()
 
     def reset(self) -> None:
         """Abandon the transfer; nothing is sent."""
-        self.phase = Phase.IDLE
-        self._buffer = bytearray()
+        self._transfer: Transfer | None = None
+        self._goes_on: Request = BLOCK_SEGMENT
         self.wake_ns = self._deadline_ns = self._burst_ns = NEVER
 
     def handlers(self) -> dict[int, Handler]:
@@ -146,169 +100,176 @@ class SdoServer:
         if len(data) != FRAME_LENGTH:
             self.context.drop(frame, "an SDO has 8 bytes")
             return
-        command = _COMMANDS[data[0] >> 5]
-        action = self._table[self.phase].get(command)
-        if self.phase is Phase.BLOCK_DOWNLOADING and data[0] != ABORT:
-            action = self._block_segment
-        try:
-            if action is None:
-                if command not in (Command.DOWNLOAD_SEGMENT, Command.UPLOAD_SEGMENT):
-                    _, self._index, self._sub = HEAD.unpack_from(data)
-                elif self.phase is Phase.IDLE:
-                    self._index = self._sub = 0
-                raise SdoAbort(AbortCode.COMMAND)
-            action(data)
-        except SdoAbort as abort:
-            self._abort(abort.code)
-        self._wait()
+        bits, wanted = self._goes_on
+        if self._transfer and data[0] != ABORT and data[0] & bits == wanted:
+            self._go_on(data)
+        elif data[0] & 0xE0 == ABORT:
+            self.reset()
+        else:  # a new start is allowed in the middle of a transfer, which it ends
+            self._start(data)
 
     def tick(self) -> None:
         """Send on in a block, or abort a transfer whose client has gone."""
         if self.context.now_ns >= self._burst_ns:
-            self._send_burst()
-            self._wait()
+            self._go_on(b"")
         elif self.context.now_ns >= self._deadline_ns:
             self._abort(AbortCode.TIMEOUT)
 
-    def _wait(self) -> None:
-        """Give the client its time anew."""
-        if self.phase is not Phase.IDLE:
+    def _start(self, data: bytes) -> None:
+        """Begin a transfer, or refuse what begins none; that names no object but by an unknown command."""
+        command = data[0] >> 5
+        start = None if data[0] & LATER_STEP.get(command, 0) else self._starts.get(command)
+        if start or command == UNKNOWN:
+            _, self._index, self._sub = HEAD.unpack_from(data)
+        elif not self._transfer:
+            self._index = self._sub = 0
+        if not start:
+            self._abort(AbortCode.COMMAND)
+            return
+        self.reset()
+        self._transfer = start(data)
+        self._go_on(None)
+
+    def _go_on(self, request: bytes | None) -> None:
+        """Let the transfer take a request and answer; its client gets its time anew."""
+        assert self._transfer is not None
+        self._burst_ns = NEVER
+        try:
+            answers, self._goes_on = self._transfer.send(request)  # type: ignore[arg-type]
             self._deadline_ns = self.context.now_ns + self.timeout_ns
             self.wake_ns = min(self._deadline_ns, self._burst_ns)
+        except StopIteration as end:
+            answers = end.value
+            self.reset()
+        except SdoAbort as abort:
+            self._abort(abort.code)
+            return
+        for answer in answers:
+            self.context.send(self._tx, answer)
 
     def _abort(self, code: int) -> None:
         self.reset()
-        self.context.send(self._tx, HEAD_AND_NUMBER.pack(ABORT, self._index, self._sub, code))
+        self.context.send(self._tx, self._head(ABORT, code))
 
-    def _aborted(self, data: bytes) -> None:
-        self.reset()
+    def _head(self, command: int, number: int) -> bytes:
+        return HEAD_AND_NUMBER.pack(command, self._index, self._sub, number)
 
-    def _download(self, data: bytes) -> None:
-        self.reset()
-        command, self._index, self._sub, number = HEAD_AND_NUMBER.unpack(data)
+    def _download(self, data: bytes) -> Transfer:
+        command, _, _, number = HEAD_AND_NUMBER.unpack(data)
+        answer = self._head(0x60, 0)
         if command & EXPEDITED:
             entry = self.dictionary.admit(self._index, self._sub, None)
             length = 4 - (command >> 2 & 3) if command & SIZE_GIVEN else min(entry.size or 4, 4)
             self.dictionary.write(self._index, self._sub, data[4 : 4 + length])
-        else:
-            self._announced = number if command & SIZE_GIVEN else None
-            self.dictionary.admit(self._index, self._sub, self._announced)
-            self.phase = Phase.DOWNLOADING
-            self._toggle = 0
-        self.context.send(self._tx, HEAD_AND_NUMBER.pack(REPLY_DOWNLOAD, self._index, self._sub, 0))
+            return [answer]
+        announced = number if command & SIZE_GIVEN else None
+        self.dictionary.admit(self._index, self._sub, announced)
+        came, toggle = bytearray(), 0
+        while True:
+            segment = yield [answer], DOWNLOAD_SEGMENT
+            toggle = next_toggle(segment, toggle)
+            came += segment[1 : 8 - (segment[0] >> 1 & 7)]
+            if len(came) > (MAX_LENGTH if announced is None else announced):
+                raise SdoAbort(AbortCode.MEMORY if announced is None else AbortCode.LENGTH_HIGH)
+            answer = bytes((0x20 | segment[0] & TOGGLE,)) + bytes(7)
+            if segment[0] & LAST_SEGMENT:
+                if announced is not None and len(came) < announced:
+                    raise SdoAbort(AbortCode.LENGTH_LOW)
+                self.dictionary.write(self._index, self._sub, bytes(came))
+                return [answer]
 
-    def _download_segment(self, data: bytes) -> None:
-        command = data[0]
-        self._check_toggle(command)
-        self._buffer += data[1 : 8 - (command >> 1 & 7)]
-        limit = MAX_LENGTH if self._announced is None else self._announced
-        if len(self._buffer) > limit:
-            raise SdoAbort(AbortCode.MEMORY if self._announced is None else AbortCode.LENGTH_HIGH)
-        if command & LAST_SEGMENT:
-            if self._announced is not None and len(self._buffer) < self._announced:
-                raise SdoAbort(AbortCode.LENGTH_LOW)
-            self.dictionary.write(self._index, self._sub, bytes(self._buffer))
-            self.reset()
-        self.context.send(self._tx, bytes((REPLY_DOWNLOAD_SEGMENT | command & TOGGLE,)) + bytes(7))
-
-    def _upload(self, data: bytes) -> None:
-        self.reset()
-        _, self._index, self._sub = HEAD.unpack_from(data)
+    def _upload(self, data: bytes) -> Transfer:
         value = self.dictionary.read(self._index, self._sub)
         n = len(value)
         if 0 < n <= 4:
-            command = REPLY_UPLOAD | (4 - n) << 2 | EXPEDITED | SIZE_GIVEN
-            self.context.send(self._tx, HEAD.pack(command, self._index, self._sub) + value + bytes(4 - n))
-            return
-        self._buffer = bytearray(value)
-        self._position = 0
-        self._toggle = 0
-        self.phase = Phase.UPLOADING
-        self.context.send(
-            self._tx, HEAD_AND_NUMBER.pack(REPLY_UPLOAD | SIZE_GIVEN, self._index, self._sub, n)
-        )
+            command = 0x40 | (4 - n) << 2 | EXPEDITED | SIZE_GIVEN
+            return [HEAD.pack(command, self._index, self._sub) + value.ljust(4, b"\0")]
+        answer, toggle, at = self._head(0x40 | SIZE_GIVEN, n), 0, 0
+        while True:
+            request = yield [answer], UPLOAD_SEGMENT
+            toggle = next_toggle(request, toggle)
+            chunk = value[at : at + SEGMENT]
+            at += SEGMENT
+            command = request[0] & TOGGLE | (SEGMENT - len(chunk)) << 1 | (LAST_SEGMENT if at >= n else 0)
+            answer = bytes((command,)) + chunk.ljust(SEGMENT, b"\0")
+            if at >= n:
+                return [answer]
 
-    def _upload_segment(self, data: bytes) -> None:
-        self._check_toggle(data[0])
-        chunk = bytes(self._buffer[self._position : self._position + SEGMENT])
-        self._position += len(chunk)
-        unused = SEGMENT - len(chunk)
-        command = REPLY_UPLOAD_SEGMENT | data[0] & TOGGLE | unused << 1
-        if self._position >= len(self._buffer):
-            command |= LAST_SEGMENT
-            self.reset()
-        self.context.send(self._tx, bytes((command,)) + chunk + bytes(unused))
-
-    def _check_toggle(self, command: int) -> None:
-        if command & TOGGLE != self._toggle:
-            raise SdoAbort(AbortCode.TOGGLE)
-        self._toggle ^= TOGGLE
-
-    def _block_download(self, data: bytes) -> None:
-        if data[0] & END_OF_DOWNLOAD:
-            if self.phase is not Phase.BLOCK_DOWNLOADED:
-                self._out_of_turn()
-            self.dictionary.write(self._index, self._sub, self._block_down.end(data))
-            self.reset()
-            self.context.send(self._tx, bytes((REPLY_DOWNLOAD_END,)) + bytes(7))
-            return
-        self.reset()
-        command, self._index, self._sub, number = HEAD_AND_NUMBER.unpack(data)
+    def _block_download(self, data: bytes) -> Transfer:
+        """Take blocks: after each the client is told up to which segment all came, and goes on from there."""
+        command, _, _, number = HEAD_AND_NUMBER.unpack(data)
         announced = number if command & BLOCK_SIZE_GIVEN else None
         self.dictionary.admit(self._index, self._sub, announced)
-        self._block_down = BlockDownload(announced, with_crc=bool(command & CRC_SUPPORTED))
-        self.phase = Phase.BLOCK_DOWNLOADING
-        head = HEAD.pack(REPLY_BLOCK_DOWNLOAD | CRC_SUPPORTED, self._index, self._sub)
-        self.context.send(self._tx, head + bytes((MAX_BLOCK, 0, 0, 0)))
+        answers, came = [self._head(0xA0 | BLOCK_CRC, MAX_BLOCK)], bytearray()
+        got, is_complete = 0, False
+        while not is_complete:
+            segment = yield answers, BLOCK_SEGMENT
+            number, is_last, answers = segment[0] & ~BLOCK_LAST, segment[0] & BLOCK_LAST, []
+            if number == 0:
+                raise SdoAbort(AbortCode.SEQUENCE)
+            if number == got + 1:
+                got, is_complete = number, bool(is_last)
+                came += segment[1:]
+                if len(came) > MAX_LENGTH + SEGMENT:
+                    raise SdoAbort(AbortCode.MEMORY)
+            if is_last or number == MAX_BLOCK:
+                answers, got = [bytes((0xA2, got, MAX_BLOCK)) + bytes(5)], 0
+        end = yield answers, BLOCK_DOWNLOAD_END
+        value = bytes(came[: len(came) - (end[0] >> 2 & 7)])
+        if announced is not None and len(value) != announced:
+            is_long = len(value) > announced
+            raise SdoAbort(AbortCode.LENGTH_HIGH if is_long else AbortCode.LENGTH_LOW)
+        if command & BLOCK_CRC and crc_hqx(value, 0) != int.from_bytes(end[1:3], "little"):
+            raise SdoAbort(AbortCode.CRC)
+        self.dictionary.write(self._index, self._sub, value)
+        return [bytes((0xA1,)) + bytes(7)]
 
-    def _block_segment(self, data: bytes) -> None:
-        answer = self._block_down.take(data)
-        if self._block_down.is_complete:
-            self.phase = Phase.BLOCK_DOWNLOADED
-        if answer is not None:
-            self.context.send(self._tx, answer)
-
-    def _block_upload(self, data: bytes) -> None:
-        step = self._upload_steps.get((self.phase, data[0] & UPLOAD_STEP))
-        if step is None:
-            self._out_of_turn()
-        else:
-            step(data)
-
-    def _block_upload_asked(self, data: bytes) -> None:
-        self.reset()
-        _, self._index, self._sub = HEAD.unpack_from(data)
-        size, threshold = data[4], data[5]
+    def _block_upload(self, data: bytes) -> Transfer:
+        """Send blocks, in bursts; the client says up to which segment it has got all."""
         value = self.dictionary.read(self._index, self._sub)
-        if threshold and len(value) <= threshold:  # not worth a block, the client says
-            self._upload(data)
-            return
-        self._block_up = BlockUpload(value, size, with_crc=bool(data[0] & CRC_SUPPORTED))
-        self.phase = Phase.BLOCK_UPLOAD_ASKED
-        command = REPLY_BLOCK_UPLOAD | CRC_SUPPORTED | BLOCK_SIZE_GIVEN
-        self.context.send(self._tx, HEAD_AND_NUMBER.pack(command, self._index, self._sub, len(value)))
+        n, size, threshold = len(value), data[4], data[5]
+        if threshold and n <= threshold:  # not worth a block, the client says
+            return (yield from self._upload(data))
+        check_block(size)
+        yield [self._head(0xC0 | BLOCK_CRC | BLOCK_SIZE_GIVEN, n)], BLOCK_UPLOAD_BEGIN
+        begin = 0
+        while begin < max(n, 1):
+            most, sent, request = min(size, max(-(-(n - begin) // SEGMENT), 1)), 0, b""
+            while not request:
+                burst = range(sent, min(sent + BURST, most))
+                segments = [_segment(value, begin, number) for number in burst]
+                sent = burst.stop
+                if sent < most:
+                    self._burst_ns = self.context.now_ns + PACE_NS
+                request = yield segments, BLOCK_UPLOAD_GOT
+            got, size = request[1:3]
+            if got > sent:
+                raise SdoAbort(AbortCode.SEQUENCE)
+            begin += SEGMENT * got
+            check_block(size)
+        unused = -n % SEGMENT if n else SEGMENT
+        crc = crc_hqx(value, 0) if data[0] & BLOCK_CRC else 0
+        end = struct.pack("<BH5x", 0xC1 | unused << 2, crc)
+        yield [end], BLOCK_UPLOAD_END
+        return []
 
-    def _block_begin(self, data: bytes) -> None:
-        self.phase = Phase.BLOCK_UPLOADING
-        self._block_up.begin()
-        self._send_burst()
 
-    def _block_acknowledged(self, data: bytes) -> None:
-        self._block_up.acknowledge(data)
-        if self._block_up.is_over:
-            self.phase = Phase.BLOCK_UPLOADED
-            self._burst_ns = NEVER
-            self.context.send(self._tx, self._block_up.end())
-        else:
-            self._send_burst()
+def next_toggle(data: bytes, toggle: int) -> int:
+    """Return the toggle bit that follows; SdoAbort where this one is not what it should be."""
+    if data[0] & TOGGLE != toggle:
+        raise SdoAbort(AbortCode.TOGGLE)
+    return toggle ^ TOGGLE
 
-    def _send_burst(self) -> None:
-        for segment in self._block_up.segments(BURST):
-            self.context.send(self._tx, segment)
-        self._burst_ns = self.context.now_ns + PACE_NS if self._block_up.is_sending else NEVER
 
-    def _out_of_turn(self) -> None:
-        """Refuse a step of a transfer that does not go on; such a request names no object."""
-        if self.phase is Phase.IDLE:
-            self._index = self._sub = 0
-        raise SdoAbort(AbortCode.COMMAND)
+def check_block(size: int) -> None:
+    """Raise SdoAbort for a block of so many segments, if there can be none."""
+    if not 1 <= size <= MAX_BLOCK:
+        raise SdoAbort(AbortCode.BLOCK_SIZE)
+
+
+def _segment(value: bytes, begin: int, number: int) -> bytes:
+    """Return a segment of a block, numbered from 0, that begins at a byte of a value."""
+    start = begin + SEGMENT * number
+    is_last = start + SEGMENT >= len(value)
+    chunk = value[start : start + SEGMENT].ljust(SEGMENT, b"\0")
+    return bytes((number + 1 | (BLOCK_LAST if is_last else 0),)) + chunk
