@@ -49,9 +49,7 @@ class JointPositions:
         self._came: list[list[tuple[int, float]]] = [[] for _ in chain.names]
         """Times and positions of each joint, times growing."""
         self._from_python = [
-            j
-            for j, name in enumerate(chain.names)
-            if name not in said or said[name].fixed is None
+            j for j, name in enumerate(chain.names) if name not in said or said[name].fixed is None
         ]
 
     @property

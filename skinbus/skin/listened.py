@@ -113,9 +113,7 @@ class ListenCore(Core):
             ids = [pdo.cob_id for pdo in tpdos(od) if carries_readings(pdo)]
             self._sent_by[bus, [*ids, cia.HEARTBEAT_BASE + number, cia.EMCY_BASE + number]] = p
         others = listener.cob_ids | {cia.SDO_SERVER_BASE + node_id}
-        self._ids = [
-            frozenset(np.flatnonzero(sent_by >= 0).tolist()) | others for sent_by in self._sent_by
-        ]
+        self._ids = [frozenset(np.flatnonzero(sent_by >= 0).tolist()) | others for sent_by in self._sent_by]
         self.requests: deque[Request] = deque()
         """What the program asks for."""
 
