@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from heapq import heappop, heappush
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,7 @@ from skinbus.can.core import NEVER, Step
 from skinbus.can.event import Event
 from skinbus.can.frame import REMOTE_ID, RTR, Frame
 from skinbus.model import Arm
-from skinbus.node import Device, image_size
+from skinbus.node import Device
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects.cia import READINGS, SYNC_ID, NmtState
 from skinbus.sim.effect import FrameStep, at
@@ -63,16 +63,17 @@ class Boards:
         self.frame_steps = tuple(frame_steps)
         self._source, self._scene_s = source, scene_s
         self._held = Held()
-        od_of = dict(zip([placed.eds for placed in arm.patches], ods, strict=True))
-        size_of = {eds: image_size(od) for eds, od in od_of.items()}  # the node-ID does not change it
-        sizes = [size_of[placed.eds] for placed in arm.patches]
-        starts = np.concatenate([[0], np.cumsum(sizes)])
-        self._memory = np.zeros(starts[-1], np.uint8)
         self.devices = [
-            Device(od, placed.node_id, image=self._memory[start : start + size], storage=MemoryStorage())
-            for od, placed, start, size in zip(ods, arm.patches, starts, sizes, strict=False)
+            Device(od, placed.node_id, storage=MemoryStorage())
+            for od, placed in zip(ods, arm.patches, strict=True)
         ]
-        self._to, self._from = _places(self.devices, arm.patch_start, self._memory)
+        self._shows = [
+            (device.image_view(index, 1, placed.patch.n_tactels), arm.tactels_of(p))
+            for p, (device, placed) in enumerate(zip(self.devices, arm.patches, strict=True))
+            for index in READINGS
+            if index in device.layout.indices
+        ]
+        """Where the TPDOs of each board find its readings, and which tactels those are."""
         self._shown: Counts | None = None
         self._boot_s = boot_s
         # a clock that is fast by ppm shows more time than has passed
@@ -92,7 +93,8 @@ class Boards:
         """Put counts (n_tactels,) where the TPDOs find them."""
         if counts is not self._shown:
             self._shown = counts
-            self._memory[self._to] = counts.astype("<i4").view(np.uint8)[self._from]
+            for view, tactels in self._shows:
+                view[:] = counts[tactels]
 
     def look(self, counts: Counts) -> None:
         """Show counts, and let the devices see with the next step whether they are worth an event."""
@@ -188,20 +190,6 @@ class Boards:
         self._listeners = listeners
         # SYNC drives the scene even while no device listens to it
         self.cob_ids = frozenset(listeners) | {SYNC_ID}
-
-
-def _places(devices: Sequence[Device], starts: Any, memory: npt.NDArray[np.uint8]) -> tuple[Any, Any]:
-    """Return where in ``memory`` each byte of the readings lives, and where in an int32 array it is from."""
-    to, taken = [], []
-    origin = memory.__array_interface__["data"][0]
-    for p, device in enumerate(devices):
-        index = next(index for index in READINGS if index in device.layout.indices)
-        view = device.image_view(index, 1, int(starts[p + 1] - starts[p]))
-        byte = np.arange(view.itemsize)
-        first = view.__array_interface__["data"][0] - origin
-        to.append((first + view.itemsize * np.arange(len(view))[:, None] + byte).ravel())
-        taken.append((4 * np.arange(starts[p], starts[p + 1])[:, None] + byte).ravel())
-    return np.concatenate(to), np.concatenate(taken)
 
 
 class Held:

@@ -17,10 +17,12 @@ scene file says nothing. Zero strength is the identity, bit for bit.
 
 from __future__ import annotations
 
+import re
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import cached_property
 from typing import Any, ClassVar, TypeVar, dataclass_transform
 
 import numpy as np
@@ -31,11 +33,11 @@ from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.errors import Fault
 from skinbus.model import Arm
-from skinbus.objects.cia import NMT_COMMAND_ID, NmtCommand
 
 T = TypeVar("T")
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
+Rng = np.random.Generator
 
 PressureStep = Callable[[Floats, float], Floats]
 CountStep = Callable[[Ints, float], Ints]
@@ -72,16 +74,16 @@ def parameter(default: Any, unit: str, text: str, **limits: Any) -> Any:
 
 
 class Effect:
-    """Parameters of one effect; subclasses are :func:`settings` in the file with the effect's name."""
+    """Parameters of one effect; subclasses are :func:`settings`, called as the effect in camel case."""
 
     __slots__ = ()
     name: ClassVar[str]
     stage: ClassVar[Stage]
 
     def __init_subclass__(cls) -> None:
-        cls.name = cls.__module__.rpartition(".")[2]
+        cls.name = re.sub("(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
 
-    def bind(self, arm: Arm, rng: np.random.Generator) -> Any:
+    def bind(self, arm: Arm, rng: Rng) -> Any:
         """Return the step of this effect on an arm; it draws from ``rng`` and from nothing else."""
         raise NotImplementedError
 
@@ -100,11 +102,6 @@ def on_bus(bus: int, frame: Frame) -> Frame:
     return _make(Frame, (frame[0], frame[1], frame[2], frame[3], bus))
 
 
-def reset(node_id: int, now_ns: int) -> Frame:
-    """Return what makes one node start again; only the simulated nodes receive it."""
-    return Frame(NMT_COMMAND_ID, bytes([NmtCommand.RESET_NODE, node_id]), now_ns)
-
-
 class FrameStep:
     """What an effect does to the traffic of the simulated nodes of one bus; all of it is optional.
 
@@ -113,8 +110,13 @@ class FrameStep:
     ``t_s`` is scene time, that of the last sample; effects begin and end by it.
     """
 
-    def __init__(self, effect: Any, arm: Arm, rng: Any) -> None:
+    def __init__(self, effect: Any, arm: Arm, rng: Rng) -> None:
         self.effect, self.arm, self.rng = effect, arm, rng
+
+    @cached_property
+    def draws(self) -> DrawsById:
+        """Random numbers by identifier."""
+        return DrawsById(self.rng)
 
     wake_ns: int = NEVER
     """When to be called again at the latest, ns."""
@@ -130,12 +132,22 @@ class FrameStep:
         The time of a frame is when it leaves: one that is set later makes it late.
         """
 
-    def silence(self, frames: list[Frame]) -> list[Frame]:
-        """Take out, and return, what nodes say that are deaf."""
-        taken = [frame for frame in frames if node_of(frame) in self.deaf]
-        if taken:
+    def silence(self, frames: list[Frame]) -> None:
+        """Take out what nodes say that are deaf."""
+        if self.deaf:
             frames[:] = [frame for frame in frames if node_of(frame) not in self.deaf]
-        return taken
+
+
+class TrafficEffect(Effect):
+    """An effect on the traffic: its class says what takes its steps."""
+
+    __slots__ = ()
+    stage = Stage.FRAMES
+    step: ClassVar[type[FrameStep]]
+
+    def bind(self, arm: Arm, rng: Rng) -> FrameStep:
+        """Return the step on one bus."""
+        return self.step(self, arm, rng)
 
 
 class DrawsById(dict[int, Iterator[float]]):
@@ -144,7 +156,7 @@ class DrawsById(dict[int, Iterator[float]]):
     ``next(draws[can_id])`` is the next number of an identifier's stream.
     """
 
-    def __init__(self, rng: np.random.Generator) -> None:
+    def __init__(self, rng: Rng) -> None:
         super().__init__()
         self._seed = int(rng.integers(2**63))
 
@@ -153,7 +165,7 @@ class DrawsById(dict[int, Iterator[float]]):
         return stream
 
 
-def _numbers(rng: np.random.Generator) -> Iterator[float]:
+def _numbers(rng: Rng) -> Iterator[float]:
     while True:
         yield from rng.random(_BLOCK).tolist()
 
@@ -181,19 +193,7 @@ def unknown_tactels(arm: Arm, key: str, tactels: Sequence[tuple[int, int]]) -> l
     return faults
 
 
-def choose_tactels(
-    arm: Arm, tactels: Sequence[tuple[int, int]], share: float, rng: np.random.Generator
-) -> Ints:
-    """Return the numbers of the named tactels and of a random share of all, sorted."""
-    chosen = rng.random(arm.n_tactels) < share
-    for node_id, number in tactels:
-        for patch in arm.patches_named(node_id):
-            if number <= arm.patches[patch].patch.n_tactels:
-                chosen[arm.patch_start[patch] + number - 1] = True
-    return np.flatnonzero(chosen).astype(np.int32)
-
-
-def stream(seed: int, name: str, bus: int = 0) -> np.random.Generator:
+def stream(seed: int, name: str, bus: int = 0) -> Rng:
     """Return the random stream of an effect: a function of (seed, name) and the bus it acts on alone."""
     key = [seed, zlib.crc32(name.encode()), *([bus] if bus else [])]
     return np.random.Generator(np.random.PCG64DXSM(np.random.SeedSequence(key)))

@@ -1,15 +1,16 @@
-"""Settings of the layer laws; a law's module is imported when a scene's layer is bound."""
+"""The layers between touches and tactels that a scene may have: their settings, and the cone of the paper."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar, Literal
+from typing import ClassVar
 
+import numpy as np
+
+from skinbus.model.law import Cone
 from skinbus.sim.effect import parameter, settings
 from skinbus.sim.indenter import Indenter
-from skinbus.sim.layer import Floats, Geometry, Law
-
-Indenters = Sequence[Indenter] | Floats
+from skinbus.sim.layer import Floats, Geometry, Law, Loads
 
 
 class LayerSettings:
@@ -17,14 +18,11 @@ class LayerSettings:
 
     __slots__ = ()
     law: ClassVar[str]
+    discs: ClassVar[bool]
+    """Whether tactels average over their disc; else they sample a point."""
 
-    @property
-    def discs(self) -> bool:
-        """Whether tactels average over their disc unless an effect says otherwise."""
-        return False
-
-    def bind(self, geometry: Geometry, indenters: Indenters) -> Law:
-        """Return the law on a geometry, for these indenters or for discs of these radii (m)."""
+    def bind(self, geometry: Geometry, indenters: Sequence[Indenter]) -> Law:
+        """Return the law on a geometry, for these indenters."""
         raise NotImplementedError
 
 
@@ -33,42 +31,50 @@ class Elastic(LayerSettings):
     """A rubber sheet bonded to the board: a finite elastic layer on a rigid base."""
 
     law = "elastic"
+    discs = True
     # the layer of the shipped law (docs/estimator.md)
     thickness_mm: float = parameter(6.0, "mm", "thickness of the layer", gt=0, le=100)
     poisson: float = parameter(0.48, "", "Poisson ratio; silicone is nearly incompressible", ge=0, lt=0.5)
-    depth_mm: float | None = parameter(None, "mm", "depth of the tactels; the base if not given", gt=0)
-    tactel: Literal["disc", "point"] = parameter(
-        "disc", "", "tactels average over their disc, or sample a point"
-    )
 
-    @property
-    def discs(self) -> bool:
-        """Whether tactels average over their disc unless an effect says otherwise."""
-        return self.tactel == "disc"
+    def bind(self, geometry: Geometry, indenters: Sequence[Indenter]) -> Law:
+        """Return the law on a geometry, for these indenters."""
+        from skinbus.sim.layer_elastic import ElasticLaw  # imported when a scene has it
 
-    def bind(self, geometry: Geometry, indenters: Indenters) -> Law:
-        """Return the law on a geometry, for these indenters or for discs of these radii (m)."""
-        from skinbus.sim.layer_elastic import ElasticLaw
-
-        thickness = 1e-3 * self.thickness_mm
-        depth = thickness if self.depth_mm is None else min(1e-3 * self.depth_mm, thickness)
-        return ElasticLaw(geometry, indenters, thickness=thickness, poisson=self.poisson, depth=depth)
+        return ElasticLaw(geometry, indenters, thickness=1e-3 * self.thickness_mm, poisson=self.poisson)
 
 
 @settings
 class ConeSettings(LayerSettings):
-    """The paper's cone, eq. 5-10."""
+    """The paper's cone, eq. 5-10, on point tactels: that of a board's law, or the default one.
+
+    It is there to reproduce the paper; a scene's default is the elastic layer, so that the law that is fitted
+    is not the one that was simulated.
+    """
 
     law = "cone"
-    slope_pa_per_m: float | None = parameter(
-        None, "Pa/m", "fall of the pressure; what the boards say if not given", gt=0
-    )
+    discs = False
 
-    def bind(self, geometry: Geometry, indenters: Indenters) -> Law:
-        """Return the law on a geometry, for these indenters or for discs of these radii (m)."""
-        from skinbus.sim.layer_cone import ConeLaw
+    def bind(self, geometry: Geometry, indenters: Sequence[Indenter]) -> Law:
+        """Return the law on a geometry, whatever presses."""
+        return ConeLaw(geometry)
 
-        return ConeLaw(geometry, slope=self.slope_pa_per_m)
+
+class ConeLaw:
+    """The cone bound to an arm; see ``model.law.Cone``."""
+
+    def __init__(self, geometry: Geometry) -> None:
+        self._geometry = geometry
+        laws = [placed.patch.law for placed in geometry.arm.patches]
+        slopes = [law.slope if isinstance(law, Cone) else Cone().slope for law in laws]
+        self._slope = np.array(slopes)[geometry.arm.tactel_patch]
+
+    def add(self, loads: Loads, pressures: Floats) -> None:
+        """Add the pressures of all loads, (n_tactels,) Pa."""
+        for j in range(loads.n):
+            tactels, x, y = self._geometry.ways(int(loads.link[j]), loads.s[j], loads.a[j])
+            slope = self._slope[tactels]
+            height = np.cbrt(3.0 * loads.force[j] * slope**2 / np.pi)
+            pressures[tactels] += np.maximum(0.0, height - slope * np.hypot(x, y))
 
 
 LAWS: dict[str, type[LayerSettings]] = {cls.law: cls for cls in (Elastic, ConeSettings)}

@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from dataclasses import MISSING
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from skinbus.config.parameters import read, read_rest
+from skinbus.config.parameters import read
 from skinbus.config.system import load_arm
 from skinbus.config.toml_file import find_toml, names_in, read_toml
 from skinbus.config.wording import nearest
@@ -19,7 +19,6 @@ from skinbus.sim.effects import ORDER, effect_class
 from skinbus.sim.indenter import Shape
 from skinbus.sim.laws import LAWS, Elastic, LayerSettings
 from skinbus.sim.scene import Scene
-from skinbus.sim.touch import Touch
 from skinbus.sim.touch_table import TouchTable, touch_of
 
 if TYPE_CHECKING:
@@ -28,7 +27,8 @@ if TYPE_CHECKING:
 SCENES: Final = Path(__file__).parent / "scenes"
 """The scenes that travel with the package."""
 
-_PLACE: Final = frozenset({"s_mm", "angle_deg", "a_mm", "xyz_mm", "path"})
+T = TypeVar("T")
+
 _TABLES: Final = ("scene", "layer", "joint", "touch", "effect")
 
 
@@ -40,15 +40,6 @@ class SceneTable:
     duration_s: float = parameter(MISSING, "s", "length of the scene", gt=0, le=1e6)
     seed: int = parameter(0, "", "of all random draws", ge=0, lt=2**63)
     title: str = parameter("", "", "what the scene shows, in one line")
-
-
-class _ReadTouch(NamedTuple):
-    """A [[touch]] as far as it can be read: None where nothing of it can, and the names that are faulty."""
-
-    key: str
-    table: TouchTable | None
-    faulty: frozenset[str]
-    faults: list[Fault]
 
 
 def scene_names() -> list[str]:
@@ -93,17 +84,16 @@ def scene_of(
         for key in document
         if key not in _TABLES
     )
-    stand_ins = {"arm": "", "duration_s": 1.0}
-    head, faulty = read_rest(SceneTable, document.get("scene", {}), "scene", faults, stand_ins)
+    head = read(SceneTable, document.get("scene", {}), "scene", faults)
     if arm is None:
         arm = _arm(document, folder, faults)
     layer = _layer(document.get("layer", {}), faults)
     motion = _motion(document.get("joint", []), arm, faults)
-    duration_s = None if head is None or "duration_s" in faulty else head.duration_s
-    tables = _touch_tables(document.get("touch", []), arm, faults)
-    touches = _touches(tables, arm, motion, duration_s, faults)
+    tables = _read_each(TouchTable, "touch", document.get("touch", []), faults)
+    duration_s = head.duration_s if head else None
+    touches = [touch_of(table, key, arm, duration_s, motion, faults) for key, table in tables]
     effects = _effects(document.get("effect", {}), arm, faults)
-    faults += _law_faults(document.get("layer", {}), [read.table for read in tables if read.table], document)
+    faults += _law_faults(layer, [table for _, table in tables], document.get("effect", {}))
     if faults or head is None or arm is None or layer is None:
         raise ConfigError(file, faults)
     return Scene(
@@ -113,7 +103,7 @@ def scene_of(
         seed=head.seed,
         title=head.title,
         layer=layer,
-        touches=touches,
+        touches=[touch for touch in touches if touch],
         effects=effects,
         motion=motion,
     )
@@ -141,22 +131,15 @@ def _layer(table: Any, faults: list[Fault]) -> LayerSettings | None:
     if law not in LAWS:
         faults.append(Fault("layer.law", law, f"one of {', '.join(LAWS)}"))
         return None
-    layer = read(LAWS[law], settings, "layer", faults)
-    if isinstance(layer, Elastic) and layer.depth_mm is not None and layer.depth_mm > layer.thickness_mm:
-        faults.append(
-            Fault("layer.depth_mm", layer.depth_mm, f"at most the thickness, {layer.thickness_mm} mm")
-        )
-    return layer
+    return read(LAWS[law], settings, "layer", faults)
 
 
-def _law_faults(layer: Any, touches: list[TouchTable], document: dict[str, Any]) -> list[Fault]:
+def _law_faults(layer: LayerSettings | None, touches: list[TouchTable], effects: Any) -> list[Fault]:
     """Return what a scene asks of a law that does not have it, and inclined touches without shear."""
-    law = layer.get("law", Elastic.law) if isinstance(layer, dict) else None
-    effects = document.get("effect", {})
     names = {*effects} if isinstance(effects, dict) else {"shear"}
     faults = []
-    if law in LAWS and law != Elastic.law:
-        wanted = f"layer law {Elastic.law!r}: the {law} is the law of a push in one place"
+    if layer is not None and not isinstance(layer, Elastic):
+        wanted = f"layer law {Elastic.law!r}: the {layer.law} is the law of a push in one place"
         shapes = sorted({touch.shape for touch in touches} & {"edge", "palm", "sphere"})
         faults += [Fault("touch.shape", shape, wanted) for shape in shapes]
         faults += [Fault(f"effect.{name}", None, wanted) for name in sorted(names & {"shear", "response"})]
@@ -167,67 +150,24 @@ def _law_faults(layer: Any, touches: list[TouchTable], document: dict[str, Any])
     return faults
 
 
+def _read_each(cls: type[T], key: str, tables: Any, faults: list[Fault]) -> list[tuple[str, T]]:
+    """Return the tables of an array that can be read, each with its key."""
+    if not isinstance(tables, list):
+        faults.append(Fault(key, tables, f"an array of tables, [[{key}]]"))
+        return []
+    keyed = [(f"{key} {i}", table) for i, table in enumerate(tables, 1)]
+    parsed = [(key, read(cls, table, key, faults)) for key, table in keyed]
+    return [(key, table) for key, table in parsed if table is not None]
+
+
 def _motion(tables: Any, arm: Arm | None, faults: list[Fault]) -> JointMotion | None:
     """Return how joints move; nothing of robots is loaded for a scene without such tables."""
-    if not isinstance(tables, list):
-        faults.append(Fault("joint", tables, "an array of tables, [[joint]]"))
-        return None
-    if arm is None or not tables:
+    if tables == [] or arm is None:
         return None
     from skinbus.sim.joint_motion import JointPathTable, motion_of
 
-    keyed = [(f"joint {i}", table) for i, table in enumerate(tables, 1)]
-    parsed = [(key, read(JointPathTable, table, key, faults)) for key, table in keyed]
-    return motion_of([(key, table) for key, table in parsed if table is not None], arm, faults)
-
-
-def _touch_tables(tables: Any, arm: Arm | None, faults: list[Fault]) -> list[_ReadTouch]:
-    """Return the tables of touches as far as they can be read."""
-    if not isinstance(tables, list):
-        faults.append(Fault("touch", tables, "an array of tables, [[touch]]"))
-        return []
-    stand_ins = {"link": arm.links[0].name if arm else "", "force_n": 1.0}
-    found = []
-    for i, table in enumerate(tables, 1):
-        own: list[Fault] = []
-        parsed, faulty = read_rest(TouchTable, table, f"touch {i}", own, stand_ins)
-        found.append(_ReadTouch(f"touch {i}", parsed, faulty, own))
-    return found
-
-
-def _touches(
-    tables: list[_ReadTouch],
-    arm: Arm | None,
-    motion: JointMotion | None,
-    duration_s: float | None,
-    faults: list[Fault],
-) -> list[Touch]:
-    touches = []
-    for key, table, faulty, own in tables:
-        faults.extend(own)
-        if table is None:
-            continue
-        more: list[Fault] = []
-        touch = touch_of(table, key, arm, duration_s, more)
-        if touch is not None and table.fixed_in == "base" and not faulty:
-            touch = _in_base(touch, key, motion, more)
-        if touch is not None and not faulty:
-            touches.append(touch)
-        # nothing is said of what stands in for a faulty value, or of a place that lacks one
-        unknown = faulty | (_PLACE if faulty & {*_PLACE, "link"} else frozenset())
-        faults.extend(fault for fault in more if fault.key.removeprefix(f"{key}.") not in unknown)
-    return touches
-
-
-def _in_base(touch: Touch, key: str, motion: JointMotion | None, faults: list[Fault]) -> Touch | None:
-    if motion is None:
-        faults.append(Fault(f"{key}.fixed_in", "base", "[robot] in the arm file and [[joint]] in the scene"))
-        return None
-    try:
-        return motion.in_base(touch)
-    except ValueError as error:
-        faults.append(Fault(f"{key}.fixed_in", "base", str(error)))
-        return None
+    parsed = _read_each(JointPathTable, "joint", tables, faults)
+    return motion_of(parsed, arm, faults) if parsed else None
 
 
 def _effects(tables: Any, arm: Arm | None, faults: list[Fault]) -> list[Effect]:
@@ -240,11 +180,9 @@ def _effects(tables: Any, arm: Arm | None, faults: list[Fault]) -> list[Effect]:
             hint = nearest(name, list(ORDER))
             faults.append(Fault(f"effect.{name}", None, f"an effect; known are {', '.join(ORDER)}{hint}"))
             continue
-        effect, faulty = read_rest(effect_class(name), table, f"effect.{name}", faults, {})
+        effect = read(effect_class(name), table, f"effect.{name}", faults)
         if effect is not None:
-            own = [] if arm is None else effect.check(arm)
-            faults.extend(
-                Fault(f"effect.{name}.{f.key}", f.seen, f.wanted) for f in own if f.key not in faulty
-            )
+            own = effect.check(arm) if arm is not None else ()
+            faults += [Fault(f"effect.{name}.{fault.key}", fault.seen, fault.wanted) for fault in own]
             effects.append(effect)
     return effects

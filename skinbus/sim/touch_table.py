@@ -9,7 +9,7 @@ of [t_s, N]; or one number with ``start_s``, ``end_s`` and ``ramp_s`` at either 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import numpy as np
 from pydantic import Field
@@ -21,6 +21,9 @@ from skinbus.sim.effect import Floats, parameter, settings
 from skinbus.sim.indenter import Shape
 from skinbus.sim.touch import Touch
 
+if TYPE_CHECKING:
+    from skinbus.sim.joint_motion import JointMotion
+
 _SIZES: Final = {
     "point": (),
     "disc": ("diameter_mm",),
@@ -30,12 +33,10 @@ _SIZES: Final = {
 }
 """Sizes that each shape needs; it takes no others."""
 
-_PULSE_KEYS: Final = 17
-"""Of a half sine; linear in between errs by 1 % of the peak at most, and by 0.3 % of the momentum."""
+_PULSE: Final = np.linspace(0.0, 1.0, 17)
+"""Keys of a half sine; linear in between errs by 1 % of the peak at most."""
 OFF: Final = 5e-3
 """m: a point of a touch further from the surface is not meant to be on it."""
-_LEAST: Final = 0.02
-"""Of the first impact; weaker bounces are left out."""
 
 Millimetres = Annotated[float, Field(gt=0, le=1000)]
 Keys2 = Annotated[tuple[tuple[float, float], ...], Field(min_length=2)]
@@ -68,11 +69,15 @@ class TouchTable:
     impact_n: float = parameter(0.0, "N", "peak of the impact that a touch begins with", ge=0)
     # robots that hit soft parts of people: 5 to 20 ms (ISO/TS 15066, annex A; Haddadin et al. 2009)
     impact_ms: float = parameter(10.0, "ms", "duration of the impact", gt=0, le=1000)
-    restitution: float = parameter(0.4, "", "speed after a bounce per speed before", ge=0, lt=1)
 
 
 def touch_of(
-    table: TouchTable, key: str, arm: Arm | None, duration_s: float | None, faults: list[Fault]
+    table: TouchTable,
+    key: str,
+    arm: Arm | None,
+    duration_s: float | None,
+    motion: JointMotion | None,
+    faults: list[Fault],
 ) -> Touch | None:
     """Return the touch that a table means, or None after adding its faults."""
     before = len(faults)
@@ -86,12 +91,15 @@ def touch_of(
             path = _path(table, key, arm.links[link].surface, faults)
         else:
             faults.append(Fault(f"{key}.link", table.link, f"a link of arm {arm.name}: {', '.join(names)}"))
+    if table.fixed_in == "base" and motion is None:
+        wanted = "[robot] in the arm file and [[joint]] in the scene"
+        faults.append(Fault(f"{key}.fixed_in", "base", wanted))
     if len(faults) > before or path is None or force is None:
         return None
-    return Touch(
+    touch = Touch(
         link=link,
         path=path,
-        force=with_impact(force, table),
+        force=_with_impact(force, table),
         shape=Shape[table.shape.upper()],
         length=1e-3 * (table.diameter_mm or table.length_mm or 0.0),
         width=1e-3 * (table.width_mm or 0.0),
@@ -100,6 +108,13 @@ def touch_of(
         inclination=table.inclination,
         direction=math.radians(table.direction_deg),
     )
+    if table.fixed_in == "link" or motion is None:
+        return touch
+    try:
+        return motion.in_base(touch)
+    except ValueError as error:
+        faults.append(Fault(f"{key}.fixed_in", "base", str(error)))
+        return None
 
 
 def _beside(table: TouchTable, key: str, others: tuple[str, ...], what: str, faults: list[Fault]) -> None:
@@ -182,24 +197,14 @@ def _force(table: TouchTable, key: str, duration_s: float | None, faults: list[F
     return keys if len(faults) == before else None
 
 
-def with_impact(force: Floats, table: TouchTable) -> Floats:
-    """Return keys (n, 2) of a force that begins with an impact: after each bounce the speed is that before
-    times the restitution, so that pulse and flight shrink alike; the force of the touch goes on beneath."""
+def _with_impact(force: Floats, table: TouchTable) -> Floats:
+    """Return keys (n, 2) of a force that begins with an impact: the force of the touch goes on beneath."""
     if table.impact_n == 0.0:
         return force
-    start, end = force[0, 0], force[-1, 0]
-    pulse = np.sin(np.linspace(0.0, np.pi, _PULSE_KEYS))
-    length, peak = 1e-3 * table.impact_ms, table.impact_n
-    begin, extra = start, [np.zeros((0, 2))]
-    while peak > _LEAST * table.impact_n and begin + length < end:
-        extra.append(np.column_stack([np.linspace(begin, begin + length, _PULSE_KEYS), peak * pulse]))
-        # a half sine of this peak sends it up at a speed that brings it back after as long again
-        begin += 2.0 * length
-        peak *= table.restitution
-    keys = np.concatenate(extra)
-    times = np.union1d(force[:, 0], keys[:, 0])
-    total = np.interp(times, force[:, 0], force[:, 1]) + np.interp(times, keys[:, 0], keys[:, 1], right=0.0)
-    return np.column_stack([times, total])
+    pulse = force[0, 0] + 1e-3 * table.impact_ms * _PULSE
+    times = np.union1d(force[:, 0], pulse)
+    impact = np.interp(times, pulse, table.impact_n * np.sin(np.pi * _PULSE), right=0.0)
+    return np.column_stack([times, np.interp(times, force[:, 0], force[:, 1]) + impact])
 
 
 def _check_shape(table: TouchTable, key: str, faults: list[Fault]) -> None:

@@ -25,6 +25,7 @@ from scipy.spatial import KDTree
 from skinbus.estimate import LEVELS, Estimator, learn_radial_law
 from skinbus.model import Arm, Law, Surface, Transducer
 from skinbus.planning.plan import NARROW_EDS, plans
+from skinbus.sim.indenter import Indenter, Shape
 from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry, Loads
 from skinbus.study.score import GATE
@@ -93,7 +94,7 @@ class Truth:
         layer = Elastic()
         geometry = Geometry.of(arm, discs=layer.discs)
         geometry.friction = 1.0 if inclination else None
-        self._law = layer.bind(geometry, 0.5 * np.array(DIAMETERS))
+        self._law = layer.bind(geometry, [Indenter(Shape.DISC, d) for d in DIAMETERS])
         self._loads, self._arm, self._inclination = Loads(2), arm, inclination
 
     def feel(self, touches: Floats, link: int, finger: npt.ArrayLike, towards: npt.ArrayLike) -> Floats:

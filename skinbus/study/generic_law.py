@@ -19,6 +19,7 @@ from skinbus.estimate import learn_radial_law
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Radial, Surface
 from skinbus.objects.board import calibration_values, describe_patch
 from skinbus.objects.eds import load_eds
+from skinbus.sim.indenter import Indenter, Shape
 from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry, Loads
 
@@ -39,7 +40,7 @@ def generic_law(patch: Patch) -> Radial:
     link = Link("board", Surface.plane(width, height))
     arm = Arm("board", [link], [PlacedPatch(patch=patch, node_id=1, link=0, s=0.5 * width, a=0.0)])
     layer = Elastic()
-    law = layer.bind(Geometry.of(arm, discs=layer.discs), 0.5 * np.array(DISCS))
+    law = layer.bind(Geometry.of(arm, discs=layer.discs), [Indenter(Shape.DISC, d) for d in DISCS])
     rng = np.random.default_rng(SEED)
     n = PRESSES * len(DISCS)
     places = np.column_stack([rng.uniform(0.0, width, n), rng.uniform(-0.5 * height, 0.5 * height, n)])

@@ -22,6 +22,7 @@ from skinbus.model import Arm, Cone, Law, Link, Patch, PlacedPatch, Surface, Tra
 from skinbus.model.patch import grid
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
+from skinbus.sim.indenter import Indenter, Shape
 from skinbus.sim.laws import ConeSettings, Elastic, LayerSettings
 from skinbus.sim.layer import Geometry, Loads
 
@@ -63,7 +64,7 @@ def layout(name: str) -> Floats:
 
 def feel_of(arm: Arm, layer: LayerSettings, indenter: float) -> Callable[[Floats], Floats]:
     """Return what an arm feels under a layer, of touches by a disc of this radius (m)."""
-    law = layer.bind(Geometry.of(arm, discs=layer.discs), np.array([indenter]))
+    law = layer.bind(Geometry.of(arm, discs=layer.discs), [Indenter(Shape.DISC, 2.0 * indenter)])
     loads = Loads(128)
 
     def feel(touches: Floats) -> Floats:

@@ -7,7 +7,7 @@ from skinbus.config.system import load_arm, ods_of
 from skinbus.estimate import Estimator, Quality
 from skinbus.master.cycle import Cycle
 from skinbus.objects.readings import ReadingsPlan
-from skinbus.sim.effects.viscoelastic import Viscoelastic
+from skinbus.sim.effects.readings import Viscoelastic
 from skinbus.sim.laws import Elastic
 from skinbus.study.skin_models import feel_of
 

@@ -23,8 +23,8 @@ def board(pitch=6.25e-3, n=8):
 
 
 def pressures(arm, indenter, place, *, thickness_mm, tactel, force=10.0):
-    layer = Elastic(thickness_mm=thickness_mm, tactel=tactel)
-    law = layer.bind(Geometry.of(arm, discs=layer.discs), [indenter])
+    geometry = Geometry.of(arm, discs=tactel == "disc")
+    law = Elastic(thickness_mm=thickness_mm).bind(geometry, [indenter])
     loads = Loads(1)
     loads.n, loads.force[0] = 1, force
     loads.s[0], loads.a[0], loads.yaw[0] = place

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from dataclasses import Field, fields
+from typing import Any
 
 import click
 from rich.progress import Progress
@@ -11,8 +13,10 @@ from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.output import echo
 from skinbus.robot.chain import check_robot
-from skinbus.sim import catalogue, load_scene, scene_names
+from skinbus.sim import load_scene, scene_names
 from skinbus.sim.cost import measure
+from skinbus.sim.effects import ORDER, effect_class
+from skinbus.sim.laws import LAWS
 
 
 @click.group()
@@ -39,20 +43,21 @@ def list_(names: tuple[str, ...]) -> None:
       skinbus scene list noise drift
     """
     console = Console()
-    items = catalogue.layers() + catalogue.effects()
-    if unknown := set(names) - {item.name for item in items}:
+    effects = [effect_class(name) for name in ORDER]
+    items: list[tuple[str, str, Any]] = [(name, "law", cls) for name, cls in sorted(LAWS.items())]
+    items += [(cls.name, cls.stage.name.lower(), cls) for cls in effects]
+    if unknown := set(names) - {name for name, _, _ in items}:
         raise click.BadParameter(f"no effect or layer: {', '.join(sorted(unknown))}", param_hint="NAMES")
-    for item in items:
-        if item.name in names:
-            title = f"\n{item.name} ({item.stage}): {item.text}"
-            rows = [(one.name, _shown(one), one.text) for one in item.parameters]
-            console.table(("parameter", "default", "what"), rows, title)
+    for name, stage, cls in items:
+        if name in names:
+            rows = [(one.name, _shown(one), one.metadata["description"]) for one in fields(cls)]
+            console.table(("parameter", "default", "what"), rows, f"\n{name} ({stage}): {_about(cls)}")
     if not names:
         scenes = [(name, load_scene(name).title) for name in scene_names()]
         console.table(("scene", "what it shows"), scenes)
         parts = [
-            (one.name, one.stage, f"{one.text} {', '.join(f'{p.name}={_shown(p)}' for p in one.parameters)}")
-            for one in items
+            (name, stage, f"{_about(cls)} {', '.join(f'{p.name}={_shown(p)}' for p in fields(cls))}")
+            for name, stage, cls in items
         ]
         title = "\nLayers and effects, in the order of physics"
         console.table(("name", "acts on", "what, and its parameters"), parts, title)
@@ -103,8 +108,12 @@ def cost(scene: str, cycles: int | None) -> None:
     console.table(("part", "us", "%"), rows, f"{played.name}: cost of a cycle")
 
 
-def _shown(one: catalogue.Parameter) -> str:
+def _about(cls: type) -> str:
+    return str(cls.__doc__).splitlines()[0]
+
+
+def _shown(one: Field[Any]) -> str:
     if one.default is None:
         return "not given"
     value = f"{one.default:g}" if isinstance(one.default, float) else str(one.default)
-    return f"{value} {one.unit}".strip()
+    return f"{value} {one.metadata['title']}".strip()

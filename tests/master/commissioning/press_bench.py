@@ -9,9 +9,7 @@ from skinbus.config.system import load_arm
 from skinbus.master.commissioning.press_guide import PressGuide
 from skinbus.master.commissioning.unplaced_boards import QuietMaster
 from skinbus.sim import World
-from skinbus.sim.effects.gain_spread import GainSpread
-from skinbus.sim.effects.noise import Noise
-from skinbus.sim.effects.offset import Offset
+from skinbus.sim.effects.readings import GainSpread, Noise, Offset
 from tests.master.commissioning.person import pressed_scene
 
 SEED = 20261126

@@ -7,17 +7,18 @@ import numpy as np
 from skinbus.objects.cia import HEARTBEAT_PRODUCER
 from skinbus.sim import load_scene
 from skinbus.sim.effect import stream
-from skinbus.sim.effects.babbling_node import BabblingNode
-from skinbus.sim.effects.bus_off import BusOff
-from skinbus.sim.effects.cable import Cable
-from skinbus.sim.effects.clock_drift import ClockDrift
-from skinbus.sim.effects.corrupt import Corrupt
-from skinbus.sim.effects.delay import Delay
-from skinbus.sim.effects.loss import Loss
-from skinbus.sim.effects.patch_reset import PatchReset
-from skinbus.sim.effects.patch_silent import PatchSilent
-from skinbus.sim.effects.response_jitter import ResponseJitter
-from skinbus.sim.effects.sync_jitter import SyncJitter
+from skinbus.sim.effects.mounting import SyncJitter
+from skinbus.sim.effects.traffic import (
+    BabblingNode,
+    BusOff,
+    ClockDrift,
+    Corrupt,
+    Delay,
+    Loss,
+    PatchReset,
+    PatchSilent,
+    ResponseJitter,
+)
 from skinbus.sim.scene import Scene
 from skinbus.sim.world import World
 
@@ -109,40 +110,6 @@ def test_board_off_the_bus_misses_its_cycles_and_reports_its_return(simulate, fo
     assert len(emcy[0].data) == 8
 
 
-# --- cable: boards behind a contact that opens are cut off, late, and start again when their supply was gone.
-
-
-MEDIAN = {"spread": 0.0}
-
-
-def test_while_it_is_open_boards_behind_say_nothing_and_others_are_as_before(simulate, forearm):
-    plain = simulate(n_syncs=60, arm=forearm)
-    cut = simulate(
-        [Cable(node=20, per_minute=400.0, open_ms=60.0, hold_up_ms=1e3, **MEDIAN)], n_syncs=60, arm=forearm
-    )
-    before = [[f for f in run.tpdos() if f.can_id & 0x7F < 20] for run in (cut, plain)]
-    assert before[0] == before[1]
-    assert len(cut.tpdos(22)) < len(plain.tpdos(22))
-    assert len(cut.boots()) == len(plain.boots())
-
-
-def test_what_a_board_was_saying_comes_late(simulate, pad):
-    """The frames for the SYNC after which it opened come with those of the SYNC after which it has closed."""
-    cut = simulate([Cable(node=1, per_minute=600.0, open_ms=50.0, hold_up_ms=1e3, **MEDIAN)], n_syncs=60)
-    per_cycle = np.bincount(
-        [round((f.t_ns - 100_000_000) / (1e9 / pad.bus.rate_hz)) for f in cut.tpdos()], minlength=61
-    )
-    assert 0 in per_cycle[1:60]
-    assert per_cycle.max() == 2 * len({f.can_id for f in cut.tpdos()})
-
-
-def test_boards_start_again_when_the_supply_did_not_last(simulate, pad):
-    brief = simulate([Cable(node=1, per_minute=600.0, open_ms=30.0, hold_up_ms=31.0, **MEDIAN)], n_syncs=60)
-    long = simulate([Cable(node=1, per_minute=600.0, open_ms=32.0, hold_up_ms=31.0, **MEDIAN)], n_syncs=60)
-    assert len(brief.boots()) == pad.n_patches
-    assert len(long.boots()) > pad.n_patches
-
-
 # --- response_jitter: lateness of a node's answers.
 
 
@@ -210,9 +177,6 @@ def test_shares_are_the_parameters_and_damage_is_one_bit_or_a_cut(simulate, fore
 
 
 # --- delay: constant and random lateness, in order.
-
-
-PERIOD_NS = 20_000_000
 
 
 def test_lateness_has_its_constant_and_its_mean(simulate, forearm):

@@ -6,14 +6,10 @@ import pytest
 from skinbus.config.system import load_arm
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
 from skinbus.sim.effect import stream
-from skinbus.sim.effects.disc_area import DiscArea
-from skinbus.sim.effects.misplaced import Misplaced
-from skinbus.sim.effects.response import PROFILE, Response
-from skinbus.sim.laws import ConeSettings, Elastic
+from skinbus.sim.effects.mounting import PROFILE, Misplaced, Response
+from skinbus.sim.indenter import Indenter
+from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry, Loads
-from skinbus.sim.sampler import Sampler
-from skinbus.sim.scene import Scene
-from skinbus.sim.touch import Touch
 
 # --- misplaced: boards move as rigid bodies on the surface, by as much as they should.
 
@@ -48,28 +44,6 @@ def test_shifts_and_turns_scatter_as_their_parameters_say(mount, forearm):
         assert abs(values.mean()) < 4.0 * sigma / np.sqrt(n)
 
 
-# --- disc_area: sets the disc over which tactels average, whatever the layer has by itself.
-
-
-def peak(arm, layer, effects=()):
-    touch = Touch(link=0, path=np.array([[0.0, 0.030, 0.005]]), force=np.array([[0.0, 5.0], [1.0, 5.0]]))
-    sampler = Sampler(Scene("test", arm, duration_s=1.0, layer=layer, touches=[touch], effects=effects))
-    sampler.sample(0.5)
-    return sampler.pressures.max(), sampler.pressures
-
-
-def test_larger_discs_read_lower_peaks(pad):
-    for layer in (Elastic(tactel="point"), ConeSettings(slope_pa_per_m=4e6)):
-        peaks = [peak(pad, layer, [DiscArea(diameter_mm=d)])[0] for d in (0.0, 4.0, 8.0, 12.0)]
-        assert peaks == sorted(peaks, reverse=True)
-        assert peaks[-1] < 0.8 * peaks[0]
-
-
-def test_zero_diameter_is_the_point_tactel(pad):
-    points = peak(pad, Elastic(tactel="point"))[1]
-    np.testing.assert_array_equal(peak(pad, Elastic(), [DiscArea(diameter_mm=0.0)])[1], points)
-
-
 # --- response: tactels that differ by the figures that are asked for, about the layer's own table.
 
 
@@ -86,7 +60,7 @@ def readings(effect, places, seed=7):
     """Return the pressures (n_places, n_tactels) Pa under a newton at each place (n, 2) m."""
     geometry = Geometry.of(ARM, discs=False)
     effect.bind(ARM, stream(seed, "response"))(geometry)
-    law = Elastic(tactel="point").bind(geometry, np.zeros(1))
+    law = Elastic().bind(geometry, [Indenter()])
     loads = Loads(1)
     loads.n, loads.force[0] = 1, 1.0
     out = np.zeros((len(places), ARM.n_tactels))

@@ -5,22 +5,25 @@ import pytest
 from scipy.signal import welch
 from scipy.stats import kstest
 
-from skinbus.sim.effects.adc import Adc
-from skinbus.sim.effects.bend import Bend
-from skinbus.sim.effects.burst import Burst
-from skinbus.sim.effects.crosstalk import Crosstalk, lines_of
-from skinbus.sim.effects.dead import Dead
-from skinbus.sim.effects.drift import Drift
-from skinbus.sim.effects.flicker import Flicker
-from skinbus.sim.effects.gain_spread import GainSpread
-from skinbus.sim.effects.hysteresis import Hysteresis
-from skinbus.sim.effects.noise import Noise
-from skinbus.sim.effects.offset import Offset
-from skinbus.sim.effects.piezoresistive import Piezoresistive
-from skinbus.sim.effects.saturation import Saturation
-from skinbus.sim.effects.stuck import Stuck
-from skinbus.sim.effects.thermal import Thermal
-from skinbus.sim.effects.viscoelastic import Viscoelastic
+from skinbus.sim.effects.readings import (
+    Adc,
+    Bend,
+    Burst,
+    Crosstalk,
+    Dead,
+    Drift,
+    Flicker,
+    GainSpread,
+    Hysteresis,
+    Noise,
+    Offset,
+    Piezoresistive,
+    Saturation,
+    Stuck,
+    Thermal,
+    Viscoelastic,
+    lines_of,
+)
 
 # --- bend: preload where a flat board stands off a curved link.
 

@@ -5,9 +5,9 @@ import pytest
 from mpmath import exp, lu_solve, matrix, mp, mpf
 
 from skinbus.config.system import load_arm
-from skinbus.sim.effects.shear import Shear
+from skinbus.sim.bonded_layer import profile, transfer
+from skinbus.sim.effects.mounting import Shear
 from skinbus.sim.laws import Elastic
-from skinbus.sim.layer_shear import shear_profile, shear_transfer
 from skinbus.sim.sampler import Sampler
 from skinbus.sim.scene import Scene
 from skinbus.sim.touch import Touch
@@ -44,13 +44,13 @@ def test_transfer_is_the_boundary_solve_in_sixty_digits(nu, h, depth):
     with mp.workdps(60):
         waves = [0.01, 1.0, 30.0, 100.0, 300.0, 1000.0, 4000.0]
         expected = [solved(k, h, nu, mpf(h) - mpf(depth)) for k in waves]
-    given = shear_transfer(waves, thickness=float(h), poisson=float(nu), depth=float(depth))
+    given = transfer(waves, thickness=float(h), poisson=float(nu), depth=float(depth), tangential=True)
     np.testing.assert_allclose(given, expected, rtol=0, atol=1e-13)
 
 
 def test_thick_layer_is_the_half_space_of_cerruti():
     z, d = 0.002, np.linspace(0.0, 0.02, 41)
-    given = shear_profile(d, thickness=0.2, poisson=0.3, depth=z)
+    given = profile(d, thickness=0.2, poisson=0.3, depth=z, tangential=True)
     expected = 3.0 * d * z * z / (2.0 * np.pi * (d * d + z * z) ** 2.5)
     np.testing.assert_allclose(given, expected, atol=2e-4 * expected.max())
 
@@ -79,7 +79,7 @@ def test_push_adds_pressure_ahead_and_takes_as_much_away_behind():
     assert (more[s > 1e-3] > 0.0).all()
     assert (more[s < -1e-3] < 0.0).all()
     d = np.hypot(s, a)
-    k1 = shear_profile(d, thickness=0.006, poisson=0.48, depth=0.006, tactel_radius=0.5 * 9.53e-3)
+    k1 = profile(d, thickness=0.006, poisson=0.48, tactel_radius=0.5 * 9.53e-3, tangential=True)
     np.testing.assert_allclose(more, 0.4 * 8.0 * k1 * s / d, atol=2.0)
 
 
