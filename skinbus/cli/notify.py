@@ -5,12 +5,6 @@ from __future__ import annotations
 import os
 import socket
 import time
-from typing import Final
-
-from skinbus.printable import printable
-
-MARGIN_S: Final = 900.0
-"""Compiling, which comes after waiting, may take so long."""
 
 
 class Notifier:
@@ -36,11 +30,6 @@ class Notifier:
         if self._period_ns and now_ns >= self._next_ns:
             self._next_ns = now_ns + self._period_ns
             self._send(f"WATCHDOG=1\nSTATUS={status}")
-
-    def waiting(self, what: str, seconds: float) -> None:
-        """The start waits for something, ``seconds`` at least until the next word."""
-        extended = round(1e6 * (seconds + MARGIN_S))
-        self._send(f"EXTEND_TIMEOUT_USEC={extended}\nSTATUS=waiting: {printable(what)}")
 
     def stopping(self) -> None:
         """The end was asked for."""

@@ -38,7 +38,7 @@ class Keeper:
     ) -> None:
         """A file is written ``every_s``, and at the end."""
         self._name, self._say, self._file, self._part, self._every_s = name, say, file, part, every_s
-        self._copies: deque[tuple[dict[str, Any], Any]] = deque(maxlen=1)
+        self._copies: deque[tuple[float, Any]] = deque(maxlen=1)
         self._is_faulty = False
         self._next_copy_s = time.monotonic() + COPY_EVERY_S
         # the first soon: a master that is killed again and again must not live on a file that grows old
@@ -57,7 +57,7 @@ class Keeper:
             self._part.observe(report)
         if time.monotonic() >= self._next_copy_s:
             self._next_copy_s = time.monotonic() + COPY_EVERY_S
-            self._copies.append((moment(), self._part.snapshot()))
+            self._copies.append((time.time(), self._part.snapshot()))
 
     def write(self, *, at_end: bool = False) -> None:
         """Write the newest copy if it is time; in another thread. Of several failures the first is said."""
@@ -83,8 +83,9 @@ def keep_state(path: Path, memory: Memory, arm: Arm, say: Callable[[str], Any]) 
         if file.faults:
             say("state: none that is whole; zeros are found as at power-on")
         return keeper
-    age = age_s(state.get("saved"), moment())
-    if age is None:
+    saved = state.get("saved")
+    age = time.time() - saved if isinstance(saved, float) else -1.0
+    if age < 0.0:
         say("state: its age is not known, the clock was set back; zeros are found as at power-on")
         return keeper
     found = memory.resume(state, age)
@@ -105,29 +106,6 @@ def keep_health(state: Path, health: Health, say: Callable[[str], Any]) -> Keepe
     if tables is not None:
         say(f"health of {counted(health.resume(tables), 'board')} taken up")
     return keeper
-
-
-def moment() -> dict[str, Any]:
-    """Return what the age of a state is computed from: by the clock of this boot, and by that on the wall."""
-    try:
-        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-    except OSError:
-        boot = ""
-    return {"boot_id": boot, "boot_s": time.clock_gettime(time.CLOCK_BOOTTIME), "unix_s": time.time()}
-
-
-def age_s(saved: Any, now: dict[str, Any]) -> float | None:
-    """Return how old a state is, s; None if no clock gives it.
-
-    Within one boot the clock that nobody sets counts. Over a reboot it is that on the wall; one that stands
-    before the time of the state has been set back.
-    """
-    if not isinstance(saved, dict):
-        return None
-    key = "boot_s" if now["boot_id"] and saved.get("boot_id") == now["boot_id"] else "unix_s"
-    then = saved.get(key)
-    age = now[key] - then if isinstance(then, float) else -1.0
-    return age if age >= 0.0 else None
 
 
 def health_file(state: Path) -> StateFile:

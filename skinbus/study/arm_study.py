@@ -28,7 +28,6 @@ from skinbus.planning.plan import NARROW_EDS, plans
 from skinbus.sim.indenter import Indenter, Shape
 from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry, Loads
-from skinbus.study.score import GATE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,6 +47,8 @@ NOISE: Final = 200.0
 GAIN_SPREAD: Final = 0.03
 INCLINATION: Final = 0.3
 """Tangential force per normal force of an inclined push: that of a hand that leans on an arm."""
+GATE: Final = 0.020
+"""m; a contact further than this from a touch is not that touch: two tactels of the default board."""
 RESAMPLES: Final = 400
 SCATTER: Final = (5.0, 95.0)
 """Percentiles of the bootstrap between which the error of other draws is expected."""

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from rich.table import Table
 from rich.text import Text
 
-from skinbus.skin.contact import link_name
+from skinbus.skin.contact import Contact, link_name
 from skinbus.skin.listener import ContactRow
 
 FORCE_BAR_N = 15.0
@@ -16,7 +16,7 @@ FORCE_BAR_N = 15.0
 BAR_WIDTH = 15
 
 
-def contact_table(rows: Iterable[ContactRow], links: tuple[str, ...] = ()) -> Table:
+def contact_table(rows: Iterable[ContactRow | Contact], links: tuple[str, ...] = ()) -> Table:
     """Return a table of contacts; ``links`` gives names to link numbers."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in ("contact", "state", "link", "s mm", "a mm", "force N"):
@@ -27,7 +27,7 @@ def contact_table(rows: Iterable[ContactRow], links: tuple[str, ...] = ()) -> Ta
         table.add_row(
             str(row.id),
             row.state.name.lower(),
-            link_name(links, row.link),
+            row.link if isinstance(row.link, str) else link_name(links, row.link),
             f"{row.s * 1e3:.1f}",
             f"{row.a * 1e3:.1f}",
             f"{row.force:.2f}",

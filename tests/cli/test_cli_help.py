@@ -1,6 +1,5 @@
 """The command line as a stranger meets it."""
 
-import json
 import signal
 import subprocess
 import sys
@@ -91,7 +90,7 @@ def refused(monkeypatch, capfd):
         (("run", "forearm", "--interface", "sockatcan"), ("sockatcan", "socketcan")),
         (("monitor", "--interface", "sockatcan"), ("sockatcan", "socketcan")),
         (("demo", "--level", "best"), ("best", "kmeans")),
-        (("demo", "--json", "/no/such/folder/x.json"), ("/no/such/folder",)),
+        (("plan", "pad", "--json", "/no/such/folder/x.json"), ("/no/such/folder",)),
         (("run", "forearm", "--seconds", "-1"), ("--seconds", "x>0")),
         (("replay", "none.log", "--arm", "pad"), ("file: wanted one that can be read (No such file",)),
         (
@@ -121,16 +120,3 @@ def test_wrong_arm_file_shows_every_fault_at_once(refused, tmp_path):
     assert status == 2
     for key in ("bitrate", "rate_hz", "surface", "node_id", "angel_deg"):
         assert key in error
-
-
-@pytest.mark.slow
-def test_demo_finds_every_touch_and_writes_its_figures(tmp_path):
-    file = tmp_path / "demo.json"
-    result = run("demo", "--json", str(file))
-    assert result.exit_code == 0, result.output
-    summary = json.loads(file.read_text())
-    keys = "cycles patches touches missed false position_mm force_pct bus_load_pct cycle_us"
-    assert list(summary) == keys.split()
-    assert (summary["patches"], summary["touches"], summary["missed"], summary["false"]) == (24, 5, 0, 0)
-    assert summary["cycles"] >= 500
-    assert summary["bus_load_pct"] < 80.0

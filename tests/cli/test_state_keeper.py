@@ -5,27 +5,11 @@ from types import SimpleNamespace
 import pytest
 
 from skinbus.cli import state_keeper
-from skinbus.cli.state_keeper import WRITE_EVERY_S, age_s, keep_state
+from skinbus.cli.state_keeper import WRITE_EVERY_S, keep_state
 from skinbus.config.state_file import StateFile
 from skinbus.config.system import load_arm
 from skinbus.estimate import Baseline, Plausibility, Tracker
 from skinbus.master.memory import Memory
-
-NOW = {"boot_id": "b", "boot_s": 1000.0, "unix_s": 5e8}
-
-
-@pytest.mark.parametrize(
-    ("saved", "age"),
-    [
-        ({"boot_id": "b", "boot_s": 990.0, "unix_s": 6e8}, 10.0),  # the wall clock was set back meanwhile
-        ({"boot_id": "a", "boot_s": 5000.0, "unix_s": 5e8 - 60.0}, 60.0),  # a reboot
-        ({"boot_id": "a", "boot_s": 10.0, "unix_s": 6e8}, None),  # a reboot, and a clock without battery
-        ({"boot_id": "b", "boot_s": "x"}, None),
-        (None, None),
-    ],
-)
-def test_age_is_that_of_a_clock_that_nobody_sets_or_unknown(saved, age):
-    assert age_s(saved, NOW) == age
 
 
 class Kept:
@@ -41,12 +25,10 @@ class Kept:
             tracker=Tracker(arm),
             keep_zero=int,
         )
-        self.t, self.said, self.n_saved = 0.0, [], 0
+        self.t, self.wall, self.said, self.n_saved = 0.0, 5e8, [], 0
         clock = SimpleNamespace(
             monotonic=lambda: self.t,
-            time=lambda: 5e8 + self.t,
-            clock_gettime=lambda _: self.t,
-            CLOCK_BOOTTIME=7,
+            time=lambda: self.wall + self.t,
         )
         monkeypatch.setattr(state_keeper, "time", clock)
         save = StateFile.save
@@ -97,6 +79,9 @@ def test_what_was_kept_is_taken_up_and_said(kept):
     kept.keeper.write(at_end=True)
     kept.begin()
     assert "taken up" in kept.said[-1]
+    kept.wall -= 1000.0  # set back
+    kept.begin()
+    assert "its age is not known" in kept.said[-1]
 
 
 def test_a_damaged_state_is_said_and_the_one_before_is_taken(kept, tmp_path):

@@ -1,13 +1,12 @@
 """Commands on a real interface: ended cleanly, and the master's objects as a client sees them."""
 
 import contextlib
-import json
 import signal
 import time
 
 import canopen
 
-from tests.cli.patience import PATIENCE_S, until_in_time
+from tests.cli.patience import PATIENCE_S
 from tests.socketcan.can_rig import EDS
 
 
@@ -41,16 +40,6 @@ def wait_for(happened):
                 return
         assert time.monotonic() < give_up_s
         time.sleep(0.05)
-
-
-def rows_of_doctor(start, arm, channel, n, file):
-    """Return what the doctor says of an arm of so many nodes, by check; again where one was late."""
-
-    def rows():
-        start("doctor", arm, "--channel", channel, "--json", str(file)).communicate(timeout=PATIENCE_S)
-        return {row["check"]: row for row in json.loads(file.read_text())}
-
-    return until_in_time(rows, lambda rows: rows.get("nodes", {}).get("found") == f"{n} on the bus")
 
 
 def wait_for_patches(master, n):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import grp
 import json
 import re
 import sys
@@ -12,13 +11,11 @@ from pathlib import Path
 
 import click
 
-import skinbus
 from skinbus.cli import diagnostics as checks
 from skinbus.cli.diagnostics import Finding
 from skinbus.cli.formatting import counted
-from skinbus.cli.options import BusesWords, buses_options, json_option
-from skinbus.cli.output import JsonFile, echo
-from skinbus.config.arm_file import read_arm_file
+from skinbus.cli.options import BusesWords, buses_options
+from skinbus.cli.output import echo
 from skinbus.config.system import load_arm
 from skinbus.errors import AddressError, ConfigError
 from skinbus.model import BusSettings
@@ -28,38 +25,18 @@ from skinbus.skin.shared_memory import MAX_NAME
 UNIT_ARM = "/etc/skinbus/arm.toml"
 """What the unit runs by default."""
 
-NO_NETWORK = "IPAddressDeny=any\n"
-NETWORKS = {
-    "socketcan": ("AF_CAN AF_UNIX", NO_NETWORK),
-    "udp_multicast": (
-        "AF_INET AF_INET6 AF_UNIX AF_NETLINK",
-        f"{NO_NETWORK}IPAddressAllow=localhost multicast\n",
-    ),
-}
-"""Interfaces without a device file: families of sockets, and what of the network the unit allows."""
-DEVICE_GROUPS = ("dialout", "plugdev", "uucp")
-
-HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
-"""What ProtectHome hides."""
-
 
 @click.command()
 @click.argument("arm", required=False)
 @buses_options
 @click.option("--unit", is_flag=True, help="Print the systemd unit of the master for this installation.")
-@json_option
-def command(
-    arm: str | None,
-    where: BusesWords,
-    unit: bool,
-    json_file: JsonFile | None,
-) -> None:
+def command(arm: str | None, where: BusesWords, unit: bool) -> None:
     """Check the file of ARM, interface, bit rate, queue, permissions, wake-ups and cache.
 
     `skinbus scan` and `skinbus configure --dry-run` check the boards.
 
-    Nothing is changed; only damaged entries of the kernels' cache are removed. Status 1 when there is
-    something to do, 2 when there is no such arm or interface.
+    Nothing is changed. Status 1 when there is something to do, 2 when there is no such arm or interface. The
+    unit is for SocketCAN; docs/deploy.md has what other interfaces need.
 
     \b
     Examples:
@@ -70,15 +47,12 @@ def command(
     if unit:
         echo(unit_text(arm, *where), nl=False)
         return
-    findings = []
+    n = 0
     for finding in examine(arm, *where):
-        findings.append(finding)
+        n += bool(finding.advice)
         echo(f"{'fix' if finding.advice else 'ok ':4} {finding.check:20} {finding.found}")
         if finding.advice:
             echo(f"{'':25} -> {finding.advice}")
-    if json_file:
-        json_file.write([{**finding._asdict(), "ok": not finding.advice} for finding in findings])
-    n = sum(bool(finding.advice) for finding in findings)
     echo(f"{counted(n, 'thing')} to do" if n else "all is well")
     sys.exit(1 if n else 0)
 
@@ -121,33 +95,18 @@ def unit_text(
     bitrate: int | None = None,
 ) -> str:
     """Return the systemd unit, with the path of this installation and the arguments of the master."""
+    if (interface or "socketcan") != "socketcan":
+        raise click.UsageError(f"the unit is for socketcan; docs/deploy.md has what {interface} needs")
     file = Path(arm).resolve() if arm and Path(arm).exists() else None
     words = [str(Path(sys.executable).parent / "skinbus"), "run", str(file) if file else arm or UNIT_ARM]
     if arm is not None:
         find_places(load_arm(arm).buses, interface, channels, bitrate)  # refused here, not at every start
-    words += ["--interface", interface] if interface else []
     words += [word for channel in channels for word in ("--channel", channel)]
     words += ["--bitrate", str(bitrate)] if bitrate else []
-    needed = [Path(sys.prefix), Path(skinbus.__file__), *(read_arm_file(file).files if file else ())]
     share = re.sub(r"[^A-Za-z0-9_.-]", "-", Path(arm or UNIT_ARM).stem)[:MAX_NAME]
-    # An installation at home is not visible to a service without access to homes.
-    at_home = any(path.is_relative_to(home) for path in needed for home in HOMES)
-    # "virtual" and what python-can opens as a serial port, a USB or a character device need no network
-    families, network = NETWORKS.get(interface or "socketcan", ("AF_UNIX AF_NETLINK", NO_NETWORK))
-    is_device = (interface or "socketcan") not in NETWORKS
-    groups = " ".join(group.gr_name for group in grp.getgrall() if group.gr_name in DEVICE_GROUPS)
-    values = {
-        "@COMMAND@": " ".join(_word(word) for word in [*words, "--quiet", "--wait"])
-        + f" --state %S/skinbus/state --share {share}",
-        "@WARM@": f"{_word(words[0])} doctor warm",
-        "@HOME@": "read-only" if at_home else "yes",
-        "@FAMILIES@": families,
-        "@NETWORK@": network,
-        "@PRIVATE_DEVICES@": "no" if is_device else "yes",
-        "@DEVICES@": f"DeviceAllow=char-* rw\nSupplementaryGroups={groups}\n" if is_device else "",
-    }
+    run = " ".join(map(_word, words)) + f" --quiet --state %S/skinbus/state --share {share}"
     template = resources.files("skinbus.cli").joinpath("skinbus-master.service").read_text()
-    return re.sub("@[A-Z_]+@", lambda key: values[key[0]], template)
+    return template.replace("@COMMAND@", run).replace("@WARM@", f"{_word(words[0])} doctor warm")
 
 
 def _word(word: str) -> str:

@@ -16,7 +16,6 @@ import numpy as np
 from rich.live import Live
 
 from skinbus.cli import output
-from skinbus.cli.attempts import Attempts
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes_by_bus
 from skinbus.cli.host import REFRESH_S, Host, compiling
@@ -42,6 +41,7 @@ from skinbus.master.patches.table import PatchState
 from skinbus.model import Arm
 from skinbus.skin.addresses import find_places, shown
 from skinbus.skin.compile_ahead import compile_for, first_level
+from skinbus.skin.cycle import Cycle
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.opened import refuse_other_master
 from skinbus.skin.shared_memory import SharedWriter
@@ -70,9 +70,6 @@ RECENT_NS: Final = 1_000_000_000
     callback=output.state,
     help="Keep zeros and identities of contacts over restarts here, the health of tactels in FILE.health.",
 )
-@click.option(
-    "--wait", is_flag=True, help="Wait for a bus that is not there, and for another master to end (service)."
-)
 @seconds_option
 @json_option
 def command(
@@ -84,7 +81,6 @@ def command(
     share: str | None,
     quiet: bool,
     state_file: Path | None,
-    wait: bool,
     seconds: float | None,
     json_file: JsonFile | None,
 ) -> None:
@@ -106,16 +102,16 @@ def command(
     """
     loaded = load_arm(arm)
     places = find_places(loaded.buses, *where)
-    console, available = Console(), first_level(level)
+    console = Console()
     run = Run(loaded, console)
-    attempts = Attempts(run.notifier, run.say, waits=wait)
     with ExitStack() as ears:
         # The buses are opened first: one that cannot be is reported at once; frames are received meanwhile.
-        listening = [ears.enter_context(closing(attempts.until_done(place.open))) for place in places]
+        listening = [ears.enter_context(closing(place.open())) for place in places]
+        available = first_level(level)
         with compiling(console):
             run.start(level=level, available=available, budget_us=budget_us, zero_at_start=zero)
         for ear, place in zip(listening, places, strict=True):
-            attempts.until_done(partial(refuse_other_master, ear, place, 2.0 / loaded.bus.rate_hz))
+            refuse_other_master(ear, place, 2.0 / loaded.bus.rate_hz)
     host = Host(
         run.master,
         *(place.open for place in places),
@@ -162,7 +158,7 @@ class Run:
         self.maker = CycleMaker(arm)
         self.writer: SharedWriter | None = None
         self._arm, self._console = arm, console
-        self._newest: CycleReport | None = None
+        self._newest: Cycle | None = None
         self._computes: deque[int] = deque(maxlen=REMEMBERED)
         self._keepers: tuple[Keeper, ...] = ()
 
@@ -187,9 +183,9 @@ class Run:
 
     def _take(self, report: CycleReport) -> None:
         """Take a cycle; called in the thread of the master."""
+        self._newest = self.maker.make(self.master, report)
         if self.writer:
-            self.writer.write(self.maker.make(self.master, report))
-        self._newest = report
+            self.writer.write(self._newest)
         self._computes.append(report.compute_ns)
         patches, contacts = counted(self._arm.n_patches, "patch"), counted(len(report.contacts), "contact")
         self.notifier.alive(f"{report.n_fresh} of {patches}, {contacts}")
@@ -203,8 +199,7 @@ class Run:
 
     def show(self, screen: Screen, live: Live) -> None:
         """Show the newest cycle."""
-        size = self._console.size
-        live.update(screen.render(self._newest, width=size.width, height=size.height), refresh=True)
+        live.update(screen.render(self._newest, *self._console.size), refresh=True)
         self.save()
 
     def print_end(self, *, any_received: bool) -> int:
