@@ -115,6 +115,10 @@ class Device(Core):
         self._sync.on_change = self._rpdo.on_change = self._consumer.on_change = self._listen
         services = (self._sync, self._sdo, self._rpdo, self._guarding, self._consumer, self._lss)
         self._listeners = tuple(service for service in services if service is not None)
+        self._timed = (
+            *(self._sync, self._sdo, self._heartbeat, self._consumer),
+            *(self._guarding, self._rpdo, self._tpdo, self._emcy),
+        )
         self._handlers: dict[int, Handler] = {}
         self._cob_ids: frozenset[int] = frozenset()
         self._booted = False
@@ -228,30 +232,15 @@ class Device(Core):
             self._triggers.poll()
         wake_ns = self._next_ns()
         if now_ns >= wake_ns:
-            self._sync.tick()
-            self._sdo.tick()
-            self._heartbeat.tick()
-            self._consumer.tick()
-            self._guarding.tick()
-            self._rpdo.tick()
-            self._tpdo.tick()
-            self._emcy.tick()
+            for service in self._timed:
+                service.tick()
             wake_ns = self._next_ns()
         out, context.out = context.out, []
         events, context.events = context.events, []
         return _make_step(Step, (out, events, wake_ns))
 
     def _next_ns(self) -> int:
-        return min(
-            self._tpdo.wake_ns,
-            self._heartbeat.wake_ns,
-            self._consumer.wake_ns,
-            self._guarding.wake_ns,
-            self._rpdo.wake_ns,
-            self._sync.wake_ns,
-            self._sdo.wake_ns,
-            self._emcy.wake_ns,
-        )
+        return min([service.wake_ns for service in self._timed])
 
     def _receive_nmt(self, frame: Frame) -> None:
         command = command_for(frame.data, self._context.node_id)

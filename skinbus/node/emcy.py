@@ -13,7 +13,7 @@ from typing import Final
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
-from skinbus.node.context import NS_PER_100US, Context, Handler
+from skinbus.node.context import NS_PER_100US, Context
 from skinbus.node.dictionary import Dictionary, SdoAbort
 from skinbus.node.nmt import SERVICES, Service
 from skinbus.objects.cia import (
@@ -52,8 +52,6 @@ REGISTER_BITS: Final[dict[int, ErrorRegister]] = {
 class EmcyService:
     """Keeps 0x1001, 0x1003 and the messages in step."""
 
-    kind = Service.EMCY
-
     def __init__(self, context: Context, dictionary: Dictionary) -> None:
         self.context = context
         self.values = context.values
@@ -64,13 +62,8 @@ class EmcyService:
         self._free_ns = 0
         dictionary.rules[ERROR_HISTORY] = self._check_history
         dictionary.readers[ERROR_HISTORY] = self._read_history
-        dictionary.watchers[ERROR_HISTORY] = self._clear_history
+        dictionary.writers[ERROR_HISTORY] = lambda sub, data: self._history.clear()
         dictionary.rules[EMCY_COB_ID] = self._check_cob_id
-
-    @property
-    def active(self) -> list[tuple[int, bytes]]:
-        """Code and data of the errors present, oldest first."""
-        return list(self._active)
 
     def reset(self) -> None:
         """Clear all errors, as at power-on; nothing is sent."""
@@ -80,11 +73,6 @@ class EmcyService:
         self._free_ns = 0
         self.wake_ns = NEVER
         self._write_register()
-        self._write_history()
-
-    def handlers(self) -> dict[int, Handler]:
-        """The producer listens to nothing."""
-        return {}
 
     def raise_error(self, code: int, register: int = 0, data: bytes = b"") -> bool:
         """An error came; False when it was there already (same code and data)."""
@@ -95,7 +83,6 @@ class EmcyService:
         self._active[code, data] = bits | ErrorRegister.GENERIC
         self._write_register()
         self._history.appendleft(code | int.from_bytes(data[:2], "little") << 16)
-        self._write_history()
         self._queue(code, data)
         return True
 
@@ -145,29 +132,15 @@ class EmcyService:
             register |= bits
         self.values.put(ERROR_REGISTER, 0, register)
 
-    def _write_history(self) -> None:
-        if self._history.maxlen:
-            self.values.put(ERROR_HISTORY, 0, len(self._history))
-            for i, value in enumerate(self._history):
-                self.values.put(ERROR_HISTORY, 1 + i, value)
-
     def _read_history(self, sub: int) -> bytes:
         # CiA 301, 7.5.2.4: what is not there has no data, although its sub-index is in the EDS.
         if sub > len(self._history):
             raise SdoAbort(AbortCode.NO_DATA)
-        return (
-            len(self._history).to_bytes(1, "little")
-            if sub == 0
-            else self._history[sub - 1].to_bytes(4, "little")
-        )
+        return self._history[sub - 1].to_bytes(4, "little") if sub else bytes((len(self._history),))
 
     def _check_history(self, sub: int, data: bytes) -> None:
         if any(data):
             raise SdoAbort(AbortCode.VALUE_INVALID)
-
-    def _clear_history(self, sub: int) -> None:
-        self._history.clear()
-        self._write_history()
 
     def _check_cob_id(self, sub: int, data: bytes) -> None:
         """CiA 301, 7.5.2.17: the identifier of a valid EMCY stays, and is no other service's nor extended."""

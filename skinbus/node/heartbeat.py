@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from skinbus.can.core import NEVER
-from skinbus.node.context import NS_PER_MS, Context, Handler
+from skinbus.node.context import NS_PER_MS, Context
 from skinbus.node.dictionary import Dictionary
-from skinbus.node.nmt import Service
 from skinbus.objects.cia import HEARTBEAT_BASE, HEARTBEAT_PRODUCER, NmtState
 
 
 class HeartbeatProducer:
     """Says that this device lives, and in which state."""
-
-    kind = Service.ERROR_CONTROL
 
     def __init__(self, context: Context, dictionary: Dictionary) -> None:
         self.context = context
@@ -29,10 +26,6 @@ class HeartbeatProducer:
     def reset(self) -> None:
         """Fall silent until the next boot-up."""
         self.wake_ns = NEVER
-
-    def handlers(self) -> dict[int, Handler]:
-        """The producer listens to nothing."""
-        return {}
 
     def tick(self) -> None:
         """Send when it is time; beats that were missed are not made up for."""

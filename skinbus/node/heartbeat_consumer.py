@@ -1,4 +1,4 @@
-"""The heartbeat consumer: watches the nodes named in 0x1016, each by a small table of states."""
+"""The heartbeat consumer: watches the nodes named in 0x1016, each from its first heartbeat on."""
 
 from __future__ import annotations
 
@@ -36,12 +36,6 @@ class Watched:
     watch: Watch = Watch.UNKNOWN
     state: NmtState | None = None
     due_ns: int = NEVER
-
-
-# What is received, and what it makes of a watched node; watching begins with the first heartbeat.
-ON_HEARTBEAT = {Watch.UNKNOWN: Watch.ALIVE, Watch.ALIVE: Watch.ALIVE, Watch.LOST: Watch.ALIVE}
-ON_BOOT_UP = {Watch.UNKNOWN: Watch.UNKNOWN, Watch.ALIVE: Watch.UNKNOWN, Watch.LOST: Watch.UNKNOWN}
-ON_TIMEOUT = {Watch.UNKNOWN: Watch.UNKNOWN, Watch.ALIVE: Watch.LOST, Watch.LOST: Watch.LOST}
 
 
 class HeartbeatConsumer:
@@ -85,7 +79,7 @@ class HeartbeatConsumer:
         lost = False
         for node in self.nodes.values():
             if self.context.now_ns >= node.due_ns:
-                node.watch = ON_TIMEOUT[node.watch]
+                node.watch = Watch.LOST
                 node.due_ns = NEVER
                 self.context.report(EventKind.HEARTBEAT_LOST, "", node.node_id)
                 self.emcy.raise_error(EmcyCode.HEARTBEAT, data=bytes((node.node_id,)))
@@ -102,11 +96,11 @@ class HeartbeatConsumer:
         before, known = node.watch, node.state
         node.state = state
         if state is NmtState.INITIALISING:
-            node.watch = ON_BOOT_UP[before]
+            node.watch = Watch.UNKNOWN  # the next heartbeat may be long in coming
             node.due_ns = NEVER
             self.context.report(EventKind.BOOT_UP, "", node.node_id)
         else:
-            node.watch = ON_HEARTBEAT[before]
+            node.watch = Watch.ALIVE
             node.due_ns = self.context.now_ns + node.time_ns
             self.wake_ns = min(self.wake_ns, node.due_ns)
             if state is not known:

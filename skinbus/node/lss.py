@@ -119,13 +119,13 @@ class LssSlave:
 
     def power_on(self) -> None:
         """Take the node-ID that was stored, if one was."""
-        text = self.storage.load_text(LSS)
-        if text is None:
+        lines = self.storage.kept(LSS)
+        if not lines:
             return
         try:
-            node_id, bit_rate = (int(word) for word in text.split())
+            node_id, bit_rate = (int(word) for word in lines[0].split())
         except ValueError:
-            self.context.report(EventKind.STORAGE, f"{LSS}: {text!r}; wanted node-ID and bit rate")
+            self.context.report(EventKind.STORAGE, f"{LSS}: {lines[0]!r}; wanted node-ID and bit rate")
             return
         if 1 <= node_id <= MAX_NODE_ID or node_id == UNCONFIGURED:
             self.context.node_id = self.pending_node_id = node_id
@@ -190,13 +190,11 @@ class LssSlave:
             return
         asked = [self._asked.get(command) for command in range(Lss.IDENTIFY_VENDOR, data[0] + 1)]
         self._asked.clear()
-        vendor, product, revision, serial = (self._identity(k) for k in range(N_IDENTITY))
-        lows = (vendor, product, asked[2], asked[4])
-        highs = (asked[0], asked[1], asked[3], asked[5])
-        for low, value, high in zip(lows, (vendor, product, revision, serial), highs, strict=True):
-            if low is None or high is None or not low <= value <= high:
-                return
-        if (asked[0], asked[1]) == (vendor, product):
+        if None in asked:
+            return
+        lows, highs = ([asked[k] or 0 for k in which] for which in ((0, 1, 2, 4), (0, 1, 3, 5)))
+        own = [self._identity(k) for k in range(N_IDENTITY)]
+        if all(low <= value <= high for low, value, high in zip(lows, own, highs, strict=True)):
             self._answer(Lss.IDENTIFIED)
 
     def _identify_unconfigured(self, data: bytes) -> None:
@@ -240,14 +238,11 @@ class LssSlave:
 
     def _store(self, data: bytes) -> None:
         error = OK
-        if self.storage.storage is None:
-            error = STORE_NOT_SUPPORTED
-        else:
-            try:
-                self.storage.save_text(LSS, f"{self.pending_node_id} {self.pending_bit_rate or 0}")
-            except OSError as fault:
-                self.context.report(EventKind.STORAGE, f"{LSS}: {fault}")
-                error = STORE_FAILED
+        try:
+            self.storage.keep(LSS, f"{self.pending_node_id} {self.pending_bit_rate or 0}")
+        except OSError as fault:
+            self.context.report(EventKind.STORAGE, f"{LSS}: {fault}")
+            error = STORE_NOT_SUPPORTED if self.storage.storage is None else STORE_FAILED
         self._answer(Lss.STORE, bytes((error, 0)))
 
     def _inquire_identity(self, data: bytes) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from skinbus.node.dictionary import SdoAbort
+from skinbus.node.dictionary import Dictionary, SdoAbort, Watcher
 from skinbus.node.layout import key_of
 from skinbus.node.mapping import check_count, check_entry
 from skinbus.node.values import Values
@@ -51,6 +51,16 @@ class PdoRules:
     def valid(self) -> bool:
         """Whether the PDO exists (bit 31 of its COB-ID is 0)."""
         return not self.values.number(self.communication, PDO_COB_ID, COB_ID_INVALID) & COB_ID_INVALID
+
+    def register(self, dictionary: Dictionary, changed: Watcher) -> PdoMap:
+        """Have writes to the two records checked and followed by ``changed``; return the PDO."""
+        for index, rule in (
+            (self.communication, self.check_communication),
+            (self.mapping, self.check_mapping),
+        ):
+            dictionary.rules[index] = rule
+            dictionary.watchers[index] = changed
+        return self.compile()
 
     def compile(self) -> PdoMap:
         """The PDO as the values stand; not valid when its mapping is not one.

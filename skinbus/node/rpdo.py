@@ -57,26 +57,23 @@ class RpdoService:
         self.dictionary = dictionary
         self.emcy = emcy
         self.wake_ns = NEVER
-        self.pdos: list[Rpdo] = []
+        self.pdos: dict[int, Rpdo] = {}
         self.on_change: Callable[[], None] = lambda: None
         """Called when an identifier may have changed."""
         for number in pdo_numbers(dictionary.layout.od, Direction.RPDO):
             rules = PdoRules(context.values, Direction.RPDO, number)
-            pdo = Rpdo(number, rules, rules.compile())
-            self.pdos.append(pdo)
-            dictionary.rules[rules.communication] = rules.check_communication
-            dictionary.rules[rules.mapping] = rules.check_mapping
-            dictionary.watchers[rules.communication] = partial(self._changed, pdo)
-            dictionary.watchers[rules.mapping] = partial(self._changed, pdo)
+            self.pdos[number] = Rpdo(
+                number, rules, rules.register(dictionary, partial(self._changed, number))
+            )
 
     def configure(self) -> None:
         """Compile all PDOs from the values, as after a reset."""
-        for pdo in self.pdos:
+        for pdo in self.pdos.values():
             pdo.map = pdo.rules.compile()
 
     def enter(self, state: NmtState) -> None:
         """Nothing waits, and no deadline runs, until the first PDO after each entry to OPERATIONAL."""
-        for pdo in self.pdos:
+        for pdo in self.pdos.values():
             pdo.waiting = None
             pdo.due_ns = NEVER
         self.wake_ns = NEVER
@@ -84,14 +81,14 @@ class RpdoService:
     def handlers(self) -> dict[int, Handler]:
         """One handler for each identifier; several PDOs may share it."""
         by_id: dict[int, list[Rpdo]] = {}
-        for pdo in self.pdos:
+        for pdo in self.pdos.values():
             if pdo.map.valid:
                 by_id.setdefault(pdo.map.cob_id, []).append(pdo)
         return {can_id: partial(self._receive, pdos) for can_id, pdos in by_id.items()}
 
     def on_sync(self) -> None:
         """Let the PDOs that waited for SYNC take effect."""
-        for pdo in self.pdos:
+        for pdo in self.pdos.values():
             if pdo.waiting is not None:
                 data, pdo.waiting = pdo.waiting, None
                 self._apply(pdo, data)
@@ -99,7 +96,7 @@ class RpdoService:
     def tick(self) -> None:
         """Report PDOs whose deadline has passed (CiA 301, 7.5.2.35: the event timer of an RPDO)."""
         self.wake_ns = NEVER
-        for pdo in self.pdos:
+        for pdo in self.pdos.values():
             if self.context.now_ns >= pdo.due_ns:
                 pdo.due_ns = NEVER
                 self.emcy.raise_error(EmcyCode.RPDO_TIMEOUT, data=pdo.tag)
@@ -144,7 +141,8 @@ class RpdoService:
             self.context.values.store(entry, value)
             self.dictionary.changed(entry.index, entry.sub)
 
-    def _changed(self, pdo: Rpdo, sub: int) -> None:
+    def _changed(self, number: int, sub: int) -> None:
+        pdo = self.pdos[number]
         tag, was_valid = pdo.tag, pdo.map.valid
         pdo.map = pdo.rules.compile()
         pdo.waiting = None

@@ -7,7 +7,8 @@ device it belongs to and over a checksum. What does not fit is not loaded, and i
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable
+from functools import partial
 from typing import Final, Protocol
 
 from skinbus.can.event import EventKind
@@ -59,6 +60,9 @@ NOT_PARAMETERS = frozenset({ERROR_HISTORY, STORE_PARAMETERS, RESTORE_DEFAULTS, R
 
 HEAD = "skinbus parameters 1"
 
+Act = Callable[[str], object]
+"""On a group of parameters."""
+
 
 def is_parameter(entry: ImageEntry) -> bool:
     """Whether an entry is one that can be kept."""
@@ -106,22 +110,15 @@ class StorageService:
         self.values = context.values
         self.storage = storage
         for index in (STORE_PARAMETERS, RESTORE_DEFAULTS):
-            dictionary.readers[index] = self._read_store if index == STORE_PARAMETERS else self._read_restore
+            dictionary.readers[index] = partial(self._capability, index)
         dictionary.writers[STORE_PARAMETERS] = self._store
         dictionary.writers[RESTORE_DEFAULTS] = self._restore
 
     def load(self, group: str) -> bool:
         """Put the stored values of a group in place; False when what is stored is damaged or not ours."""
-        if self.storage is None:
-            return True
-        try:
-            text = self.storage.load(group)
-            if text is None:
-                return True
-            lines = _unseal(text)
-        except (OSError, ValueError) as error:
-            self.context.report(EventKind.STORAGE, f"{group}: {error}")
-            return False
+        lines = self.kept(group)
+        if not lines:
+            return lines is not None
         if lines[0] != self._head():
             self.context.report(EventKind.STORAGE, f"{group}: stored by another device: {lines[0]}")
             return False
@@ -133,26 +130,24 @@ class StorageService:
     def save(self, group: str) -> None:
         """Keep all parameters of a group that differ from their defaults."""
         lines = [self._head()]
-        for entry, data in self._parameters(group):
-            lines.append(f"{entry.index:04X}:{entry.sub:02X} {data.hex()}")
-        self._keep(group, "\n".join(lines))
+        for entry in self.dictionary.layout.entries.values():
+            if entry.index in AREAS[group] and is_parameter(entry):
+                data = self.values.load(entry)
+                if data is not None and data != self.values.default(entry, self.context.node_id):
+                    lines.append(f"{entry.index:04X}:{entry.sub:02X} {data.hex()}")
+        self.keep(group, "\n".join(lines))
 
-    def save_text(self, group: str, text: str) -> None:
-        """Keep one line for another service."""
-        self._keep(group, text)
-
-    def load_text(self, group: str) -> str | None:
-        """That line again; None when there is none or it is damaged."""
-        if self.storage is None:
-            return None
+    def kept(self, group: str) -> list[str] | None:
+        """Return the lines that are kept of a group, none where there are none; None if they are damaged."""
         try:
-            text = self.storage.load(group)
-            return None if text is None else _unseal(text)[0]
+            text = None if self.storage is None else self.storage.load(group)
+            return [] if text is None else _unseal(text)
         except (OSError, ValueError) as error:
             self.context.report(EventKind.STORAGE, f"{group}: {error}")
             return None
 
-    def _keep(self, group: str, text: str) -> None:
+    def keep(self, group: str, text: str) -> None:
+        """Keep lines; OSError where they cannot be kept."""
         if self.storage is None:
             raise OSError("no storage")
         self.storage.save(group, f"{text}\n{zlib.crc32(text.encode()):08x}\n")
@@ -162,26 +157,12 @@ class StorageService:
         product = self.values.number(IDENTITY, IDENTITY_PRODUCT)
         return f"{HEAD} {vendor:08X} {product:08X}"
 
-    def _parameters(self, group: str) -> Iterator[tuple[ImageEntry, bytes]]:
-        for entry in self.dictionary.layout.entries.values():
-            if entry.index not in AREAS[group] or not is_parameter(entry):
-                continue
-            data = self.values.load(entry)
-            if data is not None and data != self.values.default(entry, self.context.node_id):
-                yield entry, data
-
     def _forget_marks(self) -> None:
         """Take 0x1020 out of what is stored: with other parameters beside it, it would be wrong."""
-        text = None if self.storage is None else self.storage.load(COMMUNICATION)
-        if text is None:
-            return
-        try:
-            lines = _unseal(text)
-        except ValueError:
-            return  # it will not be loaded
+        lines = self.kept(COMMUNICATION) or []
         left = [line for line in lines if not line.startswith(f"{VERIFY_CONFIGURATION:04X}:")]
         if left != lines:
-            self._keep(COMMUNICATION, "\n".join(left))
+            self.keep(COMMUNICATION, "\n".join(left))
 
     def _load_line(self, group: str, line: str) -> bool:
         """Store one parameter if the dictionary of today would take it."""
@@ -199,12 +180,6 @@ class StorageService:
         self.values.store(entry, data)
         return True
 
-    def _read_store(self, sub: int) -> bytes:
-        return self._capability(STORE_PARAMETERS, sub)
-
-    def _read_restore(self, sub: int) -> bytes:
-        return self._capability(RESTORE_DEFAULTS, sub)
-
     def _capability(self, index: int, sub: int) -> bytes:
         if sub == 0:
             return self.values.number(index, 0).to_bytes(1, "little")
@@ -212,22 +187,20 @@ class StorageService:
 
     def _store(self, sub: int, data: bytes) -> None:
         marks = [self.values.number(VERIFY_CONFIGURATION, mark) for mark in (VERIFY_DATE, VERIFY_TIME)]
-        self._command(sub, data, SIGNATURE_SAVE, self.save, is_marked=any(marks))
+        act = None if self.storage is None else self.save
+        self._command(sub, data, SIGNATURE_SAVE, act, is_marked=any(marks))
 
     def _restore(self, sub: int, data: bytes) -> None:
         """Discard what is stored; the defaults are valid after the next reset (CiA 301, 7.5.2.14)."""
-        if self.storage is not None:
-            self._command(sub, data, SIGNATURE_LOAD, self.storage.erase)
-        else:
-            self._command(sub, data, SIGNATURE_LOAD, None)
+        self._command(sub, data, SIGNATURE_LOAD, None if self.storage is None else self.storage.erase)
 
     def _command(
-        self, sub: int, data: bytes, signature: int, act: object, *, is_marked: bool = False
+        self, sub: int, data: bytes, signature: int, act: Act | None, *, is_marked: bool = False
     ) -> None:
         """Do what a signature asks for; ``is_marked``: with the present values 0x1020 is right."""
         if int.from_bytes(data, "little") != signature:
             raise SdoAbort(AbortCode.NOT_STORED)
-        if self.storage is None or not callable(act):
+        if act is None:
             raise SdoAbort(AbortCode.LOCAL_CONTROL)
         try:
             groups = GROUPS.get(sub, ())

@@ -9,11 +9,10 @@ from functools import partial
 from skinbus.can.core import NEVER
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.can.frame import LONG, Frame
-from skinbus.node.context import NS_PER_100US, NS_PER_MS, Context, Handler
+from skinbus.node.context import NS_PER_100US, NS_PER_MS, Context
 from skinbus.node.dictionary import Dictionary
 from skinbus.node.emcy import EmcyService
 from skinbus.node.mapping import packer
-from skinbus.node.nmt import Service
 from skinbus.node.pdo_rules import PdoRules
 from skinbus.objects.cia import SYNC_COUNTER_OVERFLOW, SYNC_WINDOW, EmcyCode, NmtState, TransmissionType
 from skinbus.objects.pdo import Direction, PdoMap, pdo_numbers
@@ -57,17 +56,15 @@ class Tpdo:
 class TpdoService:
     """All TPDOs of a device."""
 
-    kind = Service.PDO
-
     def __init__(self, context: Context, dictionary: Dictionary, emcy: EmcyService) -> None:
         self.context = context
         self.emcy = emcy
         self.values = context.values
         self.wake_ns = NEVER
         self.pdos: dict[int, Tpdo] = {}
-        self.on_change: Callable[[], None] = _nothing
+        self.on_change: Callable[[], None] = lambda: None
         """Called when a PDO was reconfigured."""
-        self.on_sent: Callable[[Tpdo], None] = _ignore
+        self.on_sent: Callable[[Tpdo], None] = lambda pdo: None
         """Called after an event-driven or acyclic TPDO was sent."""
         self._every_sync: list[tuple[int, Callable[[], bytes], int]] = []
         self._some_syncs: list[Tpdo] = []
@@ -75,21 +72,15 @@ class TpdoService:
         self._is_late = False
         for number in pdo_numbers(dictionary.layout.od, Direction.TPDO):
             rules = PdoRules(self.values, Direction.TPDO, number)
-            pdo = self.pdos[number] = Tpdo(number, rules, rules.compile())
-            dictionary.rules[rules.communication] = rules.check_communication
-            dictionary.rules[rules.mapping] = rules.check_mapping
-            dictionary.watchers[rules.communication] = partial(self._changed, pdo)
-            dictionary.watchers[rules.mapping] = partial(self._changed, pdo)
+            self.pdos[number] = Tpdo(
+                number, rules, rules.register(dictionary, partial(self._changed, number))
+            )
 
     def configure(self) -> None:
         """Compile all PDOs from the values, as after a reset."""
         for pdo in self.pdos.values():
             self._compile(pdo)
         self._sort()
-
-    def handlers(self) -> dict[int, Handler]:
-        """A TPDO listens to nothing."""
-        return {}
 
     def enter(self, state: NmtState) -> None:
         """PDOs begin anew with every entry to OPERATIONAL."""
@@ -176,8 +167,9 @@ class TpdoService:
             due_ns = pdo.free_ns if pdo.requested else max(pdo.due_ns, pdo.free_ns)
             self.wake_ns = min(self.wake_ns, due_ns)
 
-    def _changed(self, pdo: Tpdo, sub: int) -> None:
+    def _changed(self, number: int, sub: int) -> None:
         """Take over a parameter written at run time."""
+        pdo = self.pdos[number]
         was_valid, before = pdo.map.valid, pdo.map
         self._compile(pdo)
         if not was_valid or _rhythm(before) != _rhythm(pdo.map):
@@ -217,11 +209,3 @@ class TpdoService:
 def _rhythm(pdo: PdoMap) -> tuple[int, int]:
     """What starts a PDO anew when it changes."""
     return pdo.transmission_type, pdo.event_timer_ms
-
-
-def _nothing() -> None:
-    pass
-
-
-def _ignore(pdo: Tpdo) -> None:
-    pass

@@ -28,12 +28,11 @@ from skinbus.objects.cia import (
     Trigger,
 )
 
-# CiA 401 has two more; our dictionaries may or may not.
-ANALOGUE_NEGATIVE_DELTA = 0x6427
-ANALOGUE_POSITIVE_DELTA = 0x6428
-
-
-ANY_DELTA = Trigger.DELTA | Trigger.NEGATIVE_DELTA | Trigger.POSITIVE_DELTA
+OBJECTS = (
+    *(ANALOGUE_TRIGGER, ANALOGUE_INTERRUPT_ENABLE),
+    *(ANALOGUE_UPPER_LIMIT, ANALOGUE_LOWER_LIMIT, ANALOGUE_DELTA),
+)
+_NO_LIMIT = np.int64(2**62)
 
 
 class AnalogueTriggers:
@@ -59,17 +58,8 @@ class AnalogueTriggers:
         self._sent = np.zeros(self.n, np.int64)
         self._known = np.zeros(self.n, np.bool_)
         self._channels: dict[int, npt.NDArray[np.bool_]] = {}
-        for index in (
-            ANALOGUE_TRIGGER,
-            ANALOGUE_INTERRUPT_ENABLE,
-            ANALOGUE_UPPER_LIMIT,
-            ANALOGUE_LOWER_LIMIT,
-            ANALOGUE_DELTA,
-            ANALOGUE_NEGATIVE_DELTA,
-            ANALOGUE_POSITIVE_DELTA,
-        ):
-            if index in self.layout.indices:
-                dictionary.watchers[index] = lambda sub: self.configure()
+        for index in OBJECTS:
+            dictionary.watchers[index] = lambda sub: self.configure()
 
     def enter(self, state: NmtState) -> None:
         """With OPERATIONAL everything is news again."""
@@ -92,23 +82,16 @@ class AnalogueTriggers:
         if not self.active:
             return
         select = self._column(ANALOGUE_TRIGGER)
-        self._upper = np.where(select & Trigger.UPPER, self._column(ANALOGUE_UPPER_LIMIT), _NO_UPPER)
-        self._lower = np.where(select & Trigger.LOWER, self._column(ANALOGUE_LOWER_LIMIT), _NO_LOWER)
-        self._unlimited = (select & (Trigger.UPPER | Trigger.LOWER)) == 0
-        self._unlimited &= select != 0
+        self._upper = np.where(select & Trigger.UPPER, self._column(ANALOGUE_UPPER_LIMIT), _NO_LIMIT)
+        self._lower = np.where(select & Trigger.LOWER, self._column(ANALOGUE_LOWER_LIMIT), -_NO_LIMIT)
+        self._unlimited = ((select & (Trigger.UPPER | Trigger.LOWER)) == 0) & (select != 0)
         # A band around the value sent last: leaving it is an event. No delta selected: any move leaves.
-        either = np.where(select & Trigger.DELTA, self._column(ANALOGUE_DELTA), _NO_UPPER)
-        rise = np.where(select & Trigger.POSITIVE_DELTA, self._column(ANALOGUE_POSITIVE_DELTA), _NO_UPPER)
-        fall = np.where(select & Trigger.NEGATIVE_DELTA, self._column(ANALOGUE_NEGATIVE_DELTA), _NO_UPPER)
-        any_move = (select & ANY_DELTA) == 0
-        self._rise = np.where(any_move, 0, np.minimum(either, rise))
-        self._fall = np.where(any_move, 0, np.minimum(either, fall))
+        self._band = np.where(select & Trigger.DELTA, self._column(ANALOGUE_DELTA), 0)
 
     def poll(self) -> None:
         """Ask for every TPDO with an input worth sending."""
         values = self._inputs.astype(np.int64)
-        moved = values - self._sent
-        worth = (moved > self._rise) | (moved < -self._fall) | ~self._known
+        worth = (np.abs(values - self._sent) > self._band) | ~self._known
         worth &= self._unlimited | (values >= self._upper) | (values <= self._lower)
         if worth.any():
             for number, mask in self._channels.items():
@@ -124,12 +107,6 @@ class AnalogueTriggers:
 
     def _column(self, index: int) -> npt.NDArray[np.int64]:
         """Values of an array object, one for each input; zero where it has none."""
-        column = np.zeros(self.n, np.int64)
-        for i in range(self.n):
-            if key_of(index, i + 1) in self.layout.entries:
-                column[i] = self.values.get(index, i + 1)
-        return column
-
-
-_NO_UPPER = np.int64(2**62)
-_NO_LOWER = np.int64(-(2**62))
+        subs = range(1, self.n + 1)
+        has = self.layout.entries.keys()
+        return np.array([self.values.get(index, i) if key_of(index, i) in has else 0 for i in subs], np.int64)

@@ -183,8 +183,6 @@ class Trigger(IntFlag):
     UPPER = 0x01
     LOWER = 0x02
     DELTA = 0x04
-    NEGATIVE_DELTA = 0x08
-    POSITIVE_DELTA = 0x10
 
 
 class ErrorRegister(IntFlag):
