@@ -46,8 +46,6 @@ _SCREEN: Final = re.compile(
     r"\[(\d{1,2})\]((?: +[0-9A-F]{2})*)(?: +(remote request|ERRORFRAME|'.*'))?\s*"
 )
 _DROPPED: Final = re.compile(r"DROPCOUNT: dropped (\d{1,10}) CAN frames? on .*\s*")
-_MARK: Final = re.compile(r"# mark (\d{1,9}) \((\d{1,10})\.(\d{1,9})\)\s*")
-"""A line that somebody put there while it was recorded: its number and when."""
 _WANTED: Final = "(seconds.microseconds) channel identifier#data, as candump -L writes it"
 
 
@@ -124,8 +122,6 @@ class CandumpReader:
         """Frames that the recorder says it had no room for."""
         self.is_cut = False
         """Whether the last line was left out."""
-        self.marks: list[tuple[int, int]] = []
-        """Marks so far: number and time (ns)."""
         self._file = file
         self._faults: list[Fault] = []
 
@@ -170,9 +166,6 @@ class CandumpReader:
         except ValueError as error:
             if match := _DROPPED.fullmatch(line):
                 self.n_dropped += int(match[1])
-            elif match := _MARK.fullmatch(line):
-                t_ns = int(match[2]) * 1_000_000_000 + int(match[3].ljust(9, "0"))
-                self.marks.append((int(match[1]), t_ns))
             elif line.strip():
                 self._note(number, line, str(error).rpartition("wanted ")[2])
             return None
@@ -232,11 +225,6 @@ class CandumpWriter:
         thing = "frames" if n > 1 else "frame"
         where = f"'{self._channels[bus]}' socket (total drops {n_so_far})"
         self._put([f"DROPCOUNT: dropped {n} CAN {thing} on {where}"])
-
-    def mark(self, number: int, t_ns: int) -> None:
-        """Write a mark of a time on the frames' clock: a comment, which players of logs pass over."""
-        us = self._clock.wall_ns(t_ns) // 1000
-        self._put([f"# mark {number} ({us // 1_000_000}.{us % 1_000_000:06d})"])
 
     def close(self) -> None:
         """A file opened here is closed; a second call does nothing."""

@@ -16,12 +16,11 @@ from typing import Final
 
 from skinbus.can.arbitration import BUS_OFF, ERROR_PENALTY, arbitration_key, collide
 from skinbus.can.classic import INTERFRAME_BITS
-from skinbus.can.classic_bits import classic_bits, classic_fault
 from skinbus.can.clock import VirtualClock
 from skinbus.can.core import NEVER, Core, DataQueue, receives
 from skinbus.can.event import Event, EventKind
-from skinbus.can.fd_bits import fd_bits, fd_fault
 from skinbus.can.frame import FD, Frame
+from skinbus.can.wire_bits import classic_bits, fault, fd_bits
 
 Tap = Callable[[Frame], object]
 OnEvent = Callable[[Event], object]
@@ -220,8 +219,9 @@ class VirtualBus:
 
     def _queue(self, port: Port, frames: Sequence[Frame]) -> None:
         """Put frames into the port's queue: by identifier, within one identifier in their order."""
+        fd = self.data_bitrate is not None
         for frame in frames:
-            if port.queued >= QUEUE_LIMIT or port.bus_off or self._fault(frame):
+            if port.queued >= QUEUE_LIMIT or port.bus_off or fault(frame, fd=fd):
                 port.refused += 1
                 continue
             port.queued += 1
@@ -308,9 +308,6 @@ class VirtualBus:
             for port in self.ports
             if port.attached and not port.bus_off and receives(port.cob_ids, frame)
         )
-
-    def _fault(self, frame: Frame) -> str:
-        return fd_fault(frame) if self.data_bitrate else classic_fault(frame)
 
     def _frame_ns(self, frame: Frame) -> tuple[int, int]:
         """Time to the last bit of a frame, and to the end of the interframe space (ns)."""

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skinbus.can.classic import INTERFRAME_BITS
-from skinbus.can.classic_bits import frame_bits
 from skinbus.can.core import NEVER, DataQueue, receives
 from skinbus.can.error_frames import FaultWatch
 from skinbus.can.event import Event
 from skinbus.can.frame import ERROR, EXTENDED, NO_DATA, Frame
+from skinbus.can.wire_bits import frame_bits
 from skinbus.master.cycle import CycleReport
 from skinbus.master.master import Master
 from skinbus.model import Arm

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from skinbus.can.classic_bits import classic_bits
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
+from skinbus.can.wire_bits import classic_bits
 
 pytestmark = pytest.mark.slow
 

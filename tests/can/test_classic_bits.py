@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skinbus.can.classic import worst_case_bits
-from skinbus.can.classic_bits import frame_bits
 from skinbus.can.frame import ERROR, EXTENDED, FD, RTR, Frame
+from skinbus.can.wire_bits import frame_bits
 
 END = (
     "1" + "1" + "1" + "1" * 7 + "1" * 3

@@ -5,9 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skinbus.can.fd import LENGTHS
-from skinbus.can.fd_bits import fd_bits, fd_fault
 from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame
 from skinbus.can.virtual_bus import VirtualBus
+from skinbus.can.wire_bits import fault, fd_bits
 from tests.bus.cores import Talker
 
 BITRATE, DATA_BITRATE = 1_000_000, 5_000_000
@@ -77,7 +77,7 @@ def test_known_frame_of_zeros():
     ],
 )
 def test_what_can_fd_cannot_carry_has_a_fault_and_is_refused_by_the_wire(frame):
-    assert fd_fault(frame)
+    assert fault(frame, fd=True)
     wire = VirtualBus(BITRATE, data_bitrate=DATA_BITRATE)
     port = wire.attach(Talker([(0, frame)]))
     wire.run(1_000_000)

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skinbus.can.classic_bits import frame_bits
 from skinbus.can.frame import EXTENDED, RTR, Frame
 from skinbus.can.virtual_bus import WINDOW_NS, VirtualBus
+from skinbus.can.wire_bits import frame_bits
 from tests.bus.cores import Talker
 
 BIT_NS = 1000  # at 1 Mbit/s

@@ -11,13 +11,14 @@ from skinbus.jit.kernel_files import KernelFolder, kernel_folder
 
 USE_A_KERNEL = """
 import logging
-from skinbus.can.classic_bits import frame_bits
-from skinbus.can.frame import Frame
+import numpy as np
+from skinbus.bus.socketcan_batch import finish
 from skinbus.jit import on_compile
-compiled = []
+compiled, octets, times = [], np.zeros(1, np.uint8), np.zeros(2, np.int64)
+words = np.zeros((1, 8), np.int64)
 with on_compile(lambda: compiled.append(1)):
-    bits = frame_bits(Frame(0x181, bytes(range(8))))
-print(bits, "compiled" if compiled else "loaded")
+    dropped = finish(np.zeros(1, np.uint32), octets, octets, octets, times, words, words, 0, 0, 0, times, 123)
+print(dropped, "compiled" if compiled else "loaded")
 """
 NOBODY = 65534
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from skinbus.can.fd_bits import frame_ns
 from skinbus.can.frame import BRS, FD
 from skinbus.can.virtual_bus import VirtualBus
+from skinbus.can.wire_bits import classic_bits, fd_bits
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import ConfigError
 from skinbus.master import Master
@@ -35,7 +35,8 @@ def test_a_cycle_is_one_frame_a_patch_and_finds_the_press(tmp_path, eds, n):
     assert reports[-1].n_fresh == 2
     (contact,) = reports[-1].contacts.s
     assert contact == pytest.approx(PRESS_S, abs=2e-3)
-    busy = sum(frame_ns(frame, bus.bitrate, bus.data_bitrate) for frame in frames[begun:])
+    long = [fd_bits(frame).ns(bus.bitrate, bus.data_bitrate) for frame in frames[begun:] if frame.flags & FD]
+    busy = sum(long) + sum(1000 * classic_bits(frame) for frame in frames[begun:] if not frame.flags & FD)
     assert (
         busy / (1000 * MS) <= cyclic_load(scene.arm, ods_of(scene.arm)) + 0.01
     )  # heartbeats beside the cycle

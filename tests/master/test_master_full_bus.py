@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from skinbus.can.classic_bits import frame_bits
+from skinbus.can.wire_bits import frame_bits
 from skinbus.objects import cia
 from tests.master.rig import Rig
 

@@ -3,10 +3,10 @@
 import pytest
 from canopen.objectdictionary import ObjectDictionary
 
-from skinbus.can.classic_bits import frame_bits
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
+from skinbus.can.wire_bits import frame_bits
 from skinbus.config.system import load_arm, ods_of
 from skinbus.objects.eds import load_eds
 from skinbus.planning.schedule import (
