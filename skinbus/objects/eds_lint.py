@@ -1,10 +1,10 @@
 """Lint of EDS and DCF files: what would keep a board from working, and reading does not find.
 
-The lists of objects and the numbers of [DeviceInfo] are not looked at: nothing here uses them.
+Lists of objects, [DeviceInfo], numbers of sub-objects and data types of CiA's objects are not looked at:
+nothing here depends on them, and dcfchk of dcf-tools says them.
 
 Faults read ``[section] key: is <seen>; wanted <wanted>``, all of a file at once.
-Source: CiA 306-1, 4.6; CiA 301, 7.4.3 (sub-index 0), 7.5.2.33 to 7.5.2.38 (PDO parameters),
-table 40 (restricted identifiers).
+Source: CiA 306-1, 4.6; CiA 301, 7.5.2.33 to 7.5.2.38 (PDO parameters), table 40 (restricted identifiers).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from skinbus.can.fd import CLASSIC_BYTES, MAX_BYTES
 from skinbus.errors import FaultList
 from skinbus.objects import cia
 from skinbus.objects.eds_file import EdsFile, Entry, Variable
-from skinbus.objects.eds_values import TYPES, UNSIGNED8, UNSIGNED16, UNSIGNED32, VISIBLE_STRING
+from skinbus.objects.eds_values import TYPES, UNSIGNED32
 from skinbus.objects.pdo import MAX_DUMMY, Direction, split_mapping
 from skinbus.objects.profile import FRAME_BYTES
 
@@ -35,30 +35,6 @@ _KEYS: Final = (
 )
 _OBJECT = re.compile(r"[0-9a-f]{4}(sub[0-9a-f]{1,2})?")
 _OBJECT_LIKE = re.compile(r"[0-9a-f]{4}(sub[0-9a-f]{1,2}|name|value|denotation|objectlinks)?")
-
-_DATA_TYPES: Final = {
-    UNSIGNED8: (cia.ERROR_REGISTER, cia.LIFE_TIME_FACTOR, cia.SYNC_COUNTER_OVERFLOW, cia.ERROR_BEHAVIOR),
-    UNSIGNED16: (cia.GUARD_TIME, cia.EMCY_INHIBIT, cia.HEARTBEAT_PRODUCER),
-    UNSIGNED32: (
-        *(cia.DEVICE_TYPE, cia.SYNC_COB_ID, cia.SYNC_PERIOD, cia.SYNC_WINDOW, cia.EMCY_COB_ID),
-        *(cia.ERROR_HISTORY, cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS),
-        *(cia.HEARTBEAT_CONSUMER, cia.IDENTITY, cia.VERIFY_CONFIGURATION),
-    ),
-    VISIBLE_STRING: (cia.DEVICE_NAME, cia.HARDWARE_VERSION, cia.SOFTWARE_VERSION),
-}
-"""Objects whose data type CiA 301 fixes; of arrays and records from sub-index 1 on."""
-_GROUPS: Final = (
-    *(cia.ERROR_BEHAVIOR, cia.ERROR_HISTORY, cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS),
-    *(cia.HEARTBEAT_CONSUMER, cia.IDENTITY, cia.VERIFY_CONFIGURATION),
-)
-"""Those that are arrays and records."""
-_PDO_PARAMETERS: Final = {
-    cia.PDO_COB_ID: UNSIGNED32,
-    cia.PDO_TYPE: UNSIGNED8,
-    cia.PDO_INHIBIT: UNSIGNED16,
-    cia.PDO_EVENT_TIMER: UNSIGNED16,
-    cia.PDO_SYNC_START: UNSIGNED8,
-}
 
 
 class _Identifier(NamedTuple):
@@ -88,9 +64,6 @@ def lint(file: EdsFile) -> FaultList:
 
 
 def _mandatory(file: EdsFile) -> None:
-    for name in ("FileInfo", "DeviceInfo", "MandatoryObjects"):
-        if file.section(name) is None:
-            file.fault(name, "", None, "this section")
     for index in MANDATORY_OBJECTS:
         if index not in file.objects:
             file.fault(f"{index:04X}", "", None, "this object: CiA 301 makes it mandatory")
@@ -108,44 +81,6 @@ def _spelling(file: EdsFile) -> None:
                 n_strange += 1
                 if near := get_close_matches(key, known, 1, 0.8):
                     file.fault(section.name, section.spelling[key], text, f"the key {known[near[0]]}")
-
-
-def _groups(file: EdsFile) -> None:
-    """Sub-index 0 is an UNSIGNED8 that says the highest of the others."""
-    for entry in file.objects.values():
-        if not entry.is_group or entry.compact:
-            continue
-        sub0 = entry.variables.get(0)
-        if sub0 is None:
-            file.fault(f"{entry.section}sub0", "", None, "the number of entries, UNSIGNED8")
-        elif sub0.data_type != UNSIGNED8:
-            file.fault(sub0.section, "DataType", f"0x{sub0.data_type:04X}", "0x0005, UNSIGNED8")
-        else:
-            highest, number = max(sub for sub in entry.variables if sub < 0xFF), sub0.number
-            counts = entry.index == cia.ERROR_HISTORY or sub0.access not in ("ro", "const")
-            if number is not None and number > highest:
-                file.fault_at(sub0, number, f"at most {highest}, the highest sub-index")
-            elif number != highest and not counts:
-                file.fault_at(sub0, number, f"{highest}, the highest sub-index")
-
-
-def _known_types(file: EdsFile) -> None:
-    for data_type, indices in _DATA_TYPES.items():
-        for entry in (file.objects[index] for index in indices if index in file.objects):
-            is_group = entry.index in _GROUPS
-            if entry.is_group != is_group:
-                wanted = "0x8 or 0x9, with sub-objects" if is_group else "0x7, VAR"
-                file.fault(entry.section, "ObjectType", f"0x{entry.object_type:X}", wanted)
-                continue
-            for sub, variable in entry.variables.items():
-                if (0 < sub < 0xFF or not is_group) and not (variable.generated and sub > 1):
-                    _data_type(file, variable, data_type)
-
-
-def _data_type(file: EdsFile, variable: Variable, wanted: int) -> None:
-    if variable.data_type != wanted:
-        seen = f"0x{variable.data_type:04X}"
-        file.fault(variable.section, "DataType", seen, f"0x{wanted:04X}, {TYPES[wanted].name}")
 
 
 def _limits(file: EdsFile) -> None:
@@ -189,8 +124,6 @@ def _communication_parameters(file: EdsFile, direction: Direction, entry: Entry)
     for sub in (cia.PDO_COB_ID, cia.PDO_TYPE):
         if sub not in entry.variables:
             file.fault(f"{entry.section}sub{sub}", "", None, "this sub-object: every PDO has it")
-    for sub, variable in entry.variables.items():
-        _data_type(file, variable, _PDO_PARAMETERS.get(sub, variable.data_type))
     kind = entry.variables.get(cia.PDO_TYPE)
     last = "254 or 255" if direction is Direction.RPDO else "252 to 255"
     if kind and kind.number in range(241, int(last[:3])):
@@ -201,14 +134,15 @@ def _mapping(file: EdsFile, direction: Direction, mapping: Entry) -> None:
     count = mapping.variables.get(0)
     if count is None or count.number is None:
         return  # a fault of its own already
-    if count.number > MAX_ENTRIES:
-        file.fault_at(count, count.number, f"at most {MAX_ENTRIES} mapped objects")
-        return
+    most = min(max(mapping.variables), MAX_ENTRIES)
+    if count.number > most:
+        file.fault_at(count, count.number, f"at most {most} mapped objects")
     total = 0
-    for sub in range(1, count.number + 1):
+    for sub in range(1, min(count.number, most) + 1):
         variable = mapping.variables.get(sub)
         if variable is None:
-            continue  # sub-index 0 is too large: a fault of its own already
+            file.fault(f"{mapping.section}sub{sub:X}", "", None, "this sub-object: it is mapped")
+            continue
         if variable.data_type != UNSIGNED32 or variable.number is None:
             file.fault_at(variable, variable.number, "an UNSIGNED32: index, sub-index and bits")
             continue
@@ -283,8 +217,6 @@ def _identifier(variable: Variable | None) -> _Identifier | None:
 _RULES: Final = (
     _mandatory,
     _spelling,
-    _groups,
-    _known_types,
     _limits,
     _pdos,
     _identifiers,
