@@ -1,5 +1,7 @@
 """The ``canopen`` package as client of our devices and as server of our SDO client."""
 
+from functools import partial
+
 import can
 import canopen
 import pytest
@@ -100,13 +102,6 @@ def test_client_writes_and_reads_back_every_writable_number(any_device):
     assert n > 20 or device.node_id == 127
 
 
-def test_long_domain_goes_both_ways_in_segments():
-    _, _, _, node = connect("master")
-    data = bytes(i % 251 for i in range(1000))
-    node.sdo.download(0x1F22, 5, data)
-    assert node.sdo.upload(0x1F22, 5) == data
-
-
 @pytest.mark.parametrize(
     ("index", "sub", "data", "code"),
     [
@@ -125,28 +120,16 @@ def test_client_understands_our_aborts(any_device, index, sub, data, code):
     assert caught.value.code == code
 
 
-SIZES = [1, 6, 7, 8, 888, 889, 890, 2000]
-"""A block has 889 bytes."""
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_client_reads_in_blocks(size):
-    device, _, _, node = connect("master")
-    data = bytes((7 * i + size) % 256 for i in range(size))
-    device.set(0x1F22, 5, data)
-    with node.sdo.open(0x1F22, 5, "rb", block_transfer=True) as file:
-        assert file.read() == data
-    assert node.sdo.upload(0x1008, 0)
-
-
 @pytest.mark.parametrize("crc", [True, False])
-@pytest.mark.parametrize("size", SIZES)
-def test_client_writes_in_blocks(size, crc):
+@pytest.mark.parametrize("size", [1, 6, 7, 8, 888, 889, 890, 2000])  # a block has 889 bytes
+def test_client_writes_and_reads_in_blocks(size, crc):
     device, _, _, node = connect("master")
     data = bytes((11 * i + size) % 256 for i in range(size))
     with node.sdo.open(0x1F22, 5, "wb", size=size, block_transfer=True, request_crc_support=crc) as file:
         file.write(data)
     assert device.get(0x1F22, 5) == data
+    with node.sdo.open(0x1F22, 5, "rb", block_transfer=True) as file:
+        assert file.read() == data
     assert node.sdo.upload(0x1F22, 5) == data
 
 
@@ -161,6 +144,31 @@ def test_remote_node_consumes_our_pdos():
     values = [variable.raw for k in (1, 2, 3, 4) for variable in node.tpdo[k].map]
     assert values == list(range(-8, 8))
     assert len(bus.heard) >= 4
+
+
+def test_remote_node_switches_to_events():
+    _, bus, _, node = connect("patch")
+    node.tpdo.read()
+    node.tpdo[1].trans_type = 254
+    node.tpdo[1].event_timer = 10
+    node.tpdo[1].save()
+    node.nmt.state = "OPERATIONAL"
+    bus.heard.clear()
+    bus.now_ns += 10_000_000
+    bus.step()
+    assert [frame.can_id for frame in bus.heard] == [0x185]
+
+
+def test_store_and_restore_by_the_clients_words():
+    storage = MemoryStorage()
+    *_, node = connect("patch", storage=storage)
+    node.sdo[0x1017].raw = 1234
+    node.store()
+    *_, node = connect("patch", storage=storage)
+    assert node.sdo[0x1017].raw == 1234
+    node.restore()
+    node.nmt.send_command(0x81)
+    assert node.sdo[0x1017].raw == 500
 
 
 def test_boot_up_heartbeat_and_emcy_are_understood(any_device):
@@ -197,6 +205,14 @@ def test_lss_master_finds_and_names_our_node(monkeypatch):
     assert bus.heard[-1][:2] == (0x709, b"\0")
 
 
+def test_lss_master_selects_one_of_ours(monkeypatch):
+    monkeypatch.setattr("canopen.lss.time.sleep", lambda s: None)
+    device, _, network, _ = connect("patch")
+    network.subscribe(network.lss.LSS_RX_COBID, network.lss.on_message_received)
+    assert network.lss.send_switch_state_selective(*(device.get(0x1018, k) for k in (1, 2, 3, 4)))
+    assert network.lss.inquire_node_id() == device.node_id
+
+
 class ServerBus(can.BusABC):
     """Collects what a canopen LocalNode sends."""
 
@@ -212,6 +228,14 @@ class ServerBus(can.BusABC):
         self._is_shutdown = True
 
 
+def local_node(eds):
+    """A canopen LocalNode and a client of ours: a function that ends the client's transfer."""
+    bus, client = ServerBus(), SdoClient(9)
+    network = canopen.Network(bus)
+    network.add_node(canopen.LocalNode(9, load_eds(eds, 9)))
+    return client, partial(transfer, client, network, bus)
+
+
 def transfer(client, network, bus):
     for now_ns in range(1000):
         answers, bus.sent = bus.sent, []
@@ -224,23 +248,16 @@ def transfer(client, network, bus):
 
 @pytest.mark.parametrize("size", [1, 2, 4, 5, 7, 8, 14, 15, 1000])
 def test_our_client_writes_to_and_reads_from_a_canopen_server(size):
-    bus = ServerBus()
-    network = canopen.Network(bus)
-    od = load_eds("skin-master", 9)
-    network.add_node(canopen.LocalNode(9, od))
-    client = SdoClient(9)
+    client, end = local_node("skin-master")
     data = bytes((7 * i + size) % 256 for i in range(size))
     client.start_write(0x1F22, 3, data)
-    assert transfer(client, network, bus).abort is None
+    assert end().abort is None
     client.start_read(0x1F22, 3)
-    assert transfer(client, network, bus).unwrap() == data
+    assert end().unwrap() == data
 
 
 def test_our_client_understands_the_aborts_of_a_canopen_server():
-    bus = ServerBus()
-    network = canopen.Network(bus)
-    network.add_node(canopen.LocalNode(9, load_eds("skin-patch", 9)))
-    client = SdoClient(9)
+    client, end = local_node("skin-patch")
     client.start_read(0x5FFF, 0)
-    result = transfer(client, network, bus)
+    result = end()
     assert (result.abort, result.remote) == (0x06020000, True)
