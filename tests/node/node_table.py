@@ -1,6 +1,7 @@
-"""How the conformance table is written and run: rows of frames in and frames out, from bytes to bytes.
+"""The conformance table: rows of frames in and frames out, from bytes to bytes; how they are read and run.
 
-A row is a list of steps in order. Text steps, with a note after ``;``::
+Files in ``conformance`` hold rows: ``# name | section of the CiA document | on=patch state=op node_id=255``,
+and steps, with a note after ``;``::
 
     -> 600+n 40 00 10 00 00 00 00 00   frame to the device
     => 700+n                            remote frame to the device
@@ -8,16 +9,20 @@ A row is a list of steps in order. Text steps, with a note after ``;``::
     -- 700+n                            the device does not listen to this identifier in its state
     ++ 500                              milliseconds pass on the virtual clock
     power                               off and on again, with the same storage
+    read 1000:00 = 91 01 04 00          an expedited upload, with ! an abort code
+    write 1015:00 64 00                 an expedited download, with ! an abort code
+    set 1017:00 100                     the device's own program, or its host, acts: see ``Actions``
 
-A function as a step is the device's own program acting: it is called with the device; one that is marked
-``on_bench`` with the bench.
 Identifiers and bytes are hexadecimal; ``n`` is the node-ID, also as a byte ``nn``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from ast import literal_eval
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partialmethod
+from pathlib import Path
 
 from skinbus.can.core import NEVER, receives
 from skinbus.can.frame import RTR, Frame
@@ -28,36 +33,171 @@ from skinbus.objects.cia import (
     IDENTITY,
     IDENTITY_SERIAL,
     SYNC_PERIOD,
+    AbortCode,
     NmtCommand,
     NmtState,
 )
 from skinbus.objects.eds import load_eds
+from skinbus.objects.profile import SampleStatus
 
 NS_PER_MS = 1_000_000
 SERIAL = 0x00C0FFEE
 DEVICES = {"patch": ("skin-patch", 5), "master": ("skin-master", 127)}
-BOTH = ("patch", "master")
-PATCH = ("patch",)
-MASTER = ("master",)
 
-Action = Callable[[Device], object]
 To = {"pre": NmtCommand.PRE_OPERATIONAL, "op": NmtCommand.START, "stopped": NmtCommand.STOP}
+
+
+class BrokenStorage:
+    """A memory that cannot be written."""
+
+    def load(self, group):
+        return None
+
+    def save(self, group, text):
+        raise OSError("write protected")
+
+    erase = partialmethod(save, "")
+
+
+class DamagedStorage(MemoryStorage):
+    """A memory whose content has rotted."""
+
+    def load(self, group):
+        return "skinbus parameters 1 534B4E42 00005001\n1015:00 6400\n00000000\n"
+
+
+STORAGES = {"": MemoryStorage, "none": lambda: None, "broken": BrokenStorage, "damaged": DamagedStorage}
 
 
 @dataclass(frozen=True)
 class Row:
-    """One rule: its name, the section of the CiA document, the state it starts in, and what happens."""
+    """One rule: its name, the section of the CiA document, the steps, and what it starts with."""
 
     name: str
     section: str
-    steps: Sequence[str | Action]
+    steps: Sequence[str]
+    on: str = "patch,master"
     state: str = "pre"
-    on: Sequence[str] = BOTH
-    node_id: int | None = None
-    storage: Callable[[], Storage | None] = MemoryStorage
+    node_id: str = "0"
+    storage: str = ""
 
     def __str__(self) -> str:
         return self.name
+
+
+def load_rows() -> Iterator[Row]:
+    """All rows of all files."""
+    for path in sorted((Path(__file__).parent / "conformance").glob("*.txt")):
+        for text in path.read_text().split("\n# ")[1:]:
+            head, *steps = text.strip().split("\n")
+            name, section, *options = (part.strip() for part in head.split("|"))
+            said = dict(option.split("=") for option in " ".join(options).split())
+            yield Row(name, section, [line for step in steps for line in expand(step)], **said)
+
+
+def expand(step: str) -> Sequence[str]:
+    """The frames of a step that reads or writes, else the step."""
+    verb, _, rest = step.partition(" ")
+    if verb not in ("read", "write"):
+        return (step,)
+    place, _, rest = rest.partition(" ")
+    data, _, code = rest.partition("! ")
+    refused = no(place, int(code, 16)) if code else ""
+    if verb == "read":
+        return up(place), refused or got(place, data.removeprefix("= "))
+    return down(place, data), refused or done(place)
+
+
+class Actions:
+    """What the own program of a device, or its host, does in a step."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+        self.heard: list[object] = []
+        """What the application saw of writes."""
+
+    @property
+    def device(self) -> Device:
+        return self.bench.device
+
+    def act(self, words: Sequence[str]) -> None:
+        name, *rest = words
+        named = dict(word.split("=") for word in rest if "=" in word)
+        arguments = [argument(word) for word in rest if "=" not in word]
+        getattr(self, name)(*arguments, **{key: argument(word) for key, word in named.items()})
+
+    def boot(self) -> None:
+        pass
+
+    def start(self) -> None:
+        self.device.command(NmtCommand.START)
+
+    def set(self, place, value) -> None:
+        self.device.set(*place, value)
+
+    def sample(self, *readings) -> None:
+        self.device.image_view(0x6401, 1, len(readings))[:] = readings
+
+    def ask(self, number) -> None:
+        self.device.transmit_tpdo(number)
+
+    def emcy(self, code, register=0, data=b"") -> None:
+        self.device.emcy(code, register, data)
+
+    def gone(self, code, data=None) -> None:
+        self.device.emcy_clear(code, data)
+
+    def old(self) -> None:
+        self.device.sample_status = SampleStatus.OLD
+
+    def refuse(self) -> None:
+        self.device.on_write = lambda index, sub, value: AbortCode.LOCAL_CONTROL
+
+    def note_writes(self) -> None:
+        self.heard.clear()
+        self.device.on_write = lambda index, sub, value: self.heard.extend([(index, sub), value])
+
+    def wanted(self, *places_and_values) -> None:
+        assert list(places_and_values) == self.heard
+
+    def late(self, ms, data=b"") -> None:
+        """A SYNC that the device comes to only so long after it was on the wire."""
+        t_ns = self.bench.now_ns
+        self.bench.now_ns += round(NS_PER_MS * ms)
+        self.bench.step([Frame(0x080, data, t_ns)])
+
+    def tpdo1(self, kind, inhibit=None, event=None, start=None) -> None:
+        """TPDO 1 alone, of the given type."""
+        for number in (2, 3, 4):
+            self.device.set(0x17FF + number, 1, 0xC0000000)
+        for sub, value in ((2, kind), (3, inhibit), (5, event), (6, start)):
+            if value is not None:
+                self.device.set(0x1800, sub, value)
+        self.sample(0x1234, -2, 3, 0x7FFF)
+
+    def events(self, kind=254, inhibit=0, event=0, trigger=0x07, upper=0, lower=0, delta=0) -> None:
+        """TPDO 1 alone, on events; by default by both limits and delta, the same for every input."""
+        self.tpdo1(kind, inhibit, event)
+        self.sample(0, 0, 0, 0)
+        for sub in range(1, 17):
+            for index, value in ((0x6421, trigger), (0x6424, upper), (0x6425, lower), (0x6426, delta)):
+                self.device.set(index, sub, value)
+        self.device.step(0)
+
+    def rpdo(self, *mapping, cob_id=0x211, kind=255, event=0) -> None:
+        """RPDO 1 maps these values."""
+        for sub, value in enumerate((len(mapping), *mapping)):
+            self.device.set(0x1600, sub, value)
+        for sub, value in ((2, kind), (5, event), (1, cob_id)):
+            self.device.set(0x1400, sub, value)
+
+
+def argument(word: str):
+    """A number, bytes (hex:...), or index and sub-index."""
+    index, is_place, sub = word.partition(":")
+    if index == "hex":
+        return bytes.fromhex(sub)
+    return (int(index, 16), int(sub, 16)) if is_place else literal_eval(word)
 
 
 class Bench:
@@ -133,19 +273,12 @@ def show(frame: Frame) -> str:
     return f"{frame.can_id:03X} {frame.data.hex(' ').upper()}".strip()
 
 
-def run(row: Row, which: str, bench: Bench | None = None) -> Bench:
-    """Run a row and compare every frame; returns the bench for what a row cannot say."""
-    bench = bench or Bench(which, state=row.state, node_id=row.node_id, storage=row.storage())
+def run(row: Row, which: str) -> None:
+    """Run a row and compare every frame."""
+    bench = Bench(which, state=row.state, node_id=int(row.node_id), storage=STORAGES[row.storage]())
+    actions = Actions(bench)
     for i, step in enumerate(row.steps):
         where = f"{row.name} on {which}, step {i + 1}"
-        if callable(step):
-            assert not bench.sent, f"{where}: unexpected {show(bench.sent[0])}"
-            if getattr(step, "on_bench", False):
-                step(bench)
-            else:
-                step(bench.device)
-                bench.step()
-            continue
         text = step.partition(";")[0].strip()
         kind, _, rest = text.partition(" ")
         if kind == "<-":
@@ -169,10 +302,11 @@ def run(row: Row, which: str, bench: Bench | None = None) -> Bench:
         elif kind == "++":
             bench.pass_time(int(float(rest) * NS_PER_MS))
         else:
-            raise ValueError(step)
+            actions.act(text.split())
+            if kind != "late":
+                bench.step()
     assert not bench.sent, f"{row.name} on {which}: unexpected {show(bench.sent[0])} at the end"
     assert bench.device.nmt_state in NmtState
-    return bench
 
 
 # --- SDO steps in short: what is written here is one frame each ------------------------------------
@@ -210,15 +344,3 @@ def done(place: str) -> str:
 def no(place: str, code: int) -> str:
     """An abort."""
     return f"<- 580+n 80 {_place(place)} {code.to_bytes(4, 'little').hex(' ')} ; 0x{code:08X}"
-
-
-def reads(place: str, data: str) -> list[str]:
-    return [up(place), got(place, data)]
-
-
-def writes(place: str, data: str) -> list[str]:
-    return [down(place, data), done(place)]
-
-
-def refuses(place: str, data: str, code: int) -> list[str]:
-    return [down(place, data), no(place, code)]

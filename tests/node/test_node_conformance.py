@@ -2,10 +2,9 @@
 
 import pytest
 
-from tests.node.conformance_rows import ROWS
-from tests.node.node_table import run
+from tests.node.node_table import load_rows, run
 
-CASES = [(row, which) for row in ROWS for which in row.on]
+CASES = [(row, which) for row in load_rows() for which in row.on.split(",")]
 
 
 @pytest.mark.parametrize(("row", "which"), CASES, ids=[f"{row.name}-{which}" for row, which in CASES])
