@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from skinbus.estimate.estimator import Estimator
     from skinbus.estimate.loads import LoadMeter, LoadRows, Loads
     from skinbus.estimate.plausibility import Plausibility, TactelFault
-    from skinbus.estimate.tracking import Tracker, Tracks, TrackState, Unseen
+    from skinbus.estimate.tracking import Tracker, Tracks, TrackState
 
 __all__ = [
     "DEFAULT_LEVEL",
@@ -34,7 +34,6 @@ __all__ = [
     "TrackState",
     "Tracker",
     "Tracks",
-    "Unseen",
     "learn_radial_law",
     "monotonic_clock",
 ]
@@ -58,7 +57,6 @@ _HOME = {
     "TrackState": "skinbus.estimate.tracking",
     "Tracker": "skinbus.estimate.tracking",
     "Tracks": "skinbus.estimate.tracking",
-    "Unseen": "skinbus.estimate.tracking",
     "learn_radial_law": "skinbus.estimate.calibration.learning",
     "monotonic_clock": "skinbus.estimate.budget",
 }

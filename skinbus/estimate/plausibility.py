@@ -5,8 +5,8 @@ Rail:      at the lower end of the converter, and missing at once; alone at a pr
            at once; or at full scale with its whole board, of which half was not near it before: the board is
            withheld at once. What came to full scale
            alone is missing until it leaves it, whatever touches beside it
-Frozen:    not a bit changes, for a time in which it would have changed at the rate it did while free, or
-           while half of its board is frozen
+Frozen:    not a bit changes, for a time in which it would have changed at the rate it did while free, if
+           its noise is more than about half a step of its converter
 Dead:      reads less than a tenth of the least that it should have felt in two touches in a row, in two
            places: every contact that explains its neighbours by the law of the board would press it. Readings
            are averaged while a touch stays where it is
@@ -31,6 +31,7 @@ than the SYNC is fresh in each cycle.
 
 from __future__ import annotations
 
+import math
 from enum import IntFlag
 from typing import Any, Final
 
@@ -39,37 +40,165 @@ import numpy.typing as npt
 from scipy.special import erf
 
 from skinbus.estimate.baseline import Baseline
-from skinbus.estimate.columns import filled
-from skinbus.estimate.kernels import plausible, silence
-from skinbus.estimate.kernels.array_table import array_table
+from skinbus.estimate.columns import record
 from skinbus.estimate.kernels.layout import limit_of, step_of
-from skinbus.estimate.kernels.plausible import JUMP_CYCLES, judge
-from skinbus.estimate.kernels.silence import NARROW, NEXT, PLACES, SPAN, WIDTH, Columns
 from skinbus.estimate.validation import check_arm, check_time
+from skinbus.jit import inner_kernel, kernel
 from skinbus.model import Arm, Law
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
 Singles = npt.NDArray[np.float32]
+Rows = npt.NDArray[Any]
+
+BAND, RAIL, FROZEN, DEAD, JUMPING = 1, 2, 4, 8, 16
+JUDGED: Final = RAIL | FROZEN | DEAD | JUMPING
+"""What is found here; of its band the baseline knows."""
 
 
 class TactelFault(IntFlag):
     """What is wrong with a tactel."""
 
-    BAND = plausible.BAND
+    BAND = BAND
     """Reads below its zero band, or its zero has left the band."""
-    RAIL = plausible.RAIL
+    RAIL = RAIL
     """At the lower end of the converter, or alone at a pressure that no contact explains."""
-    FROZEN = plausible.FROZEN
-    DEAD = silence.DEAD
-    JUMPING = plausible.JUMPING
+    FROZEN = FROZEN
+    DEAD = DEAD
+    JUMPING = JUMPING
 
 
-REACH: Final = 2.3
-"""Pitches within which tactels of a board are neighbours: two steps on a square, but for the corners."""
+RETURN_S: Final = 1.0
+"""A tactel that has been plausible for so long is used again, s."""
+
+# --- Rails and jumps -------------------------------------------------------------------------------
+RAIL_S, RAIL_READINGS = 0.2, 5
+"""At a rail for so long, and so many readings: within half a second at 10 Hz and more, and no bit error."""
+LEAST_FULL: Final = 4
+"""Tactels of a board that all of them are: one contact may saturate fewer."""
+CRUSHED: Final = 0.5
+"""Of full scale: a supply that fails comes from below it at once."""
+JUMP_SHARE: Final = 0.5
+"""Of full scale: what comes there by more, and alone, is stuck."""
+JUMP_CYCLES: Final = 3
+"""Cycles in which a jump comes back."""
+JUMPS, JUMPS_S = 5.0, 5.0
+"""So many within so long, s: a bit error now and then is not a fault of the tactel."""
+MOST_JUMPS: Final = 7.0
+"""Jumps that are counted: a tactel that has ceased to jump is plausible four seconds later."""
+JUMP_SIGMAS: Final = 12.0
+"""A jump, in standard deviations of noise, and at least the touch threshold: twice what is a touch."""
+UNMOVED, MOVED = 4.0, 2.5
+"""Change of a reading beside a jump, and of all beside it together, in standard deviations of noise, that
+is none. A tip of 2 mm with 1 N in the middle of a tactel changes the four beside it by 2 each."""
+LONE: Final = 0.4
+"""Of what the narrowest contact gives the neighbours of a tactel they read at least this part: gains differ
+by 10 %, and the skirt of a tip of 2 mm is half of what the law, made so narrow, says."""
+LONE_SURE: Final = 3.0
+"""Standard deviations by which all neighbours together read less than that: what real contacts make them read
+is 7 more, and once in a thousand cycles a tactel that only looks so is missing."""
+BEYOND: Final = 4.0
+"""Highest peak of a contact beside a tactel that is considered, in full scales: 170 N on the usual board."""
+
+# --- Readings that come again ----------------------------------------------------------------------
+SHOWN: Final = 0.45
+"""Share of readings of a free tactel that come again, with four standard errors, below which noise shows at
+every pressure. Noise of less than half a step repeats half of them where it is between two steps, and all in
+the middle of one."""
+FORGET_CYCLES: Final = 2000
+"""It is that of the last so many cycles."""
+SUSPECT: Final = math.log(1e-5)
+"""Chance of repetitions of tactels in a row to be new samples, below which they are missing."""
+REPEAT_CHANCE: Final = math.log(1e-9)
+"""The same of a whole board: once in eleven days at 1 kHz."""
+CHANCE: Final = 2.0 * math.log(1e-15)
+"""Of one run of readings to call a healthy tactel frozen: 400 tactels at 1 kHz have 10^13 runs in a year. It
+counts twice: a pressed reading may lie in the middle of a step, where it changes less often."""
+FREEZE_LEAST: Final = 20
+"""Readings: no shorter run is frozen."""
+
+# --- Dead tactels ----------------------------------------------------------------------------------
+REACH, NEXT = 2.3, 1.5
+"""Pitches within which tactels of a board are neighbours: two steps on a square, but for the corners; and
+within which they are next to each other."""
+PLACES, SPAN = 21, 1.75
+"""Places of a contact that are tried along each axis, and how far they reach, in pitches. Any contact that is
+felt beside a tactel, but not by it, is among them, and a reading changes by no more than the law's error from
+one to the next."""
+IN_LINE: Final = 0.25
+"""Pitches off a line by which a tactel is in it."""
+STEP: Final = 2.0 * SPAN / (PLACES - 1)
 LIGHT_N: Final = 1.0
 """Force by whose law a reading is judged beside others, N."""
+WIDE, NARROW = 0, 1
+WIDTHS: Final = (0.92, 0.8)
+"""Of a contact, part of that of the law: that of a tip of 2 mm is 0.8. By the wide one a tactel should have
+felt something, by the narrow one it reads alone."""
+CLEAR: Final = 8.0
+"""Standard deviations of noise: a prediction below proves nothing by its absence."""
+LIKELY, MISFIT, TOLERANCE = 6.0, 1.0, 0.1
+"""chi^2 within which another place explains the neighbours too; chi^2 of each neighbour beyond which none
+does; the law's error, part of the peak."""
+WINDOW, LEAST_WINDOW = 8, 4
+"""Cycles that are averaged, at most, and at least: a tap of 0.1 s at 50 Hz has so many."""
+STEADY, STEADY_SIGMAS = 0.25, 6.0
+"""A touch stays where it is while no reading changes by more than this part of the highest, and noise."""
+LEAST_NOISE: Final = 0.35
+"""Of a mean, part of the noise of one reading: zeros are not known better."""
+EVIDENT_TOUCHES, ELSEWHERE = 2, 0.35
+"""Touches in a row that a dead tactel should have felt, and pitches from the first: that may be two contacts
+that look like one, and press the same place again and again."""
+DEAD_SHARE, SURE = 0.1, 4.0
+"""A dead tactel reads less than this part of the least it should have, by so many standard deviations: beside
+a tip of 2 mm, for which the law is too wide, a healthy one may read a tenth."""
+FEELS, BACK_READINGS = 5.0, 10
+"""Standard deviations of a mean from which a tactel feels something; readings of it after which a dead one
+is none."""
+
+TACTEL: Final = record(
+    {
+        "f8": "high low sigma touch quiet value change felt cycles changes before jumps good_s level"
+        " due shown",
+        "i8": "first last still rail_n lone_n jump_age touches felt_n first_cell",
+        "b1": "healthy is_old was_old evident",
+        "u1": "fault",
+    }
+)
+"""high, low    Pa, full scale and the lower end
+sigma, touch Pa, noise with the rounding of the counts; threshold
+quiet        log of the largest chance of a reading to come again, by the declared noise
+first, last  range of its neighbours
+value        Pa, the newest reading; its change since the one before; what is felt of it, less the zero
+still        readings in a row without change; is_old: too unlikely to be new; was_old: some of this run was
+cycles, changes while free
+rail_n, lone_n readings in a row at a rail or alone; alone at full scale
+before       Pa, the reading before a jump; jump_age: cycles since it; jumps: of late
+good_s       since it was implausible last
+level        Pa, mean of what is felt in a touch that stays where it is
+evident      it should have felt something in this touch; touches: in a row of which it felt nothing
+due, shown   sums over means, in noise: of the square of what it should have read at least; times what it read
+first_cell   place of the first touch that it should have felt
+felt_n       readings of a pressure since
+"""
+BOARD: Final = record(
+    {
+        "i8": "start stop own_row window_n turn n_faulty",
+        "f8": "quiet_s",
+        "b1": "is_full is_crushed is_repeated is_withheld",
+    }
+)
+"""start, stop  range of its tactels
+own_row      row of ``law`` of a tactel itself
+window_n     cycles in the means of the tactels
+turn         the next tactel to look at
+quiet_s      since the board was touched
+is_full      all readings are at full scale, and came there at once; is_crushed: half were near it before
+is_repeated  its readings are too unlikely to be new; is_withheld: that, or full
+"""
+BESIDE: Final = record({"i8": "tactel row line", "b1": "is_next"})
+"""A neighbour of a tactel, its row of ``law``, whether it is one step away, diagonals too, and whether it is
+in line with the tactel along v (1), along u (2) or not (0)."""
 
 
 class Plausibility:
@@ -79,30 +208,30 @@ class Plausibility:
         check_arm(arm)
         self.arm = arm
         self._last_ns: int | None = None
-        n, p = arm.n_tactels, arm.n_patches
-        idle, free, no = array_table(_columns(arm)), np.zeros(n, np.int8), np.zeros(n, np.bool_)
-        judge(idle, np.full(n, np.nan), np.zeros(n), free, no, np.zeros(p, np.bool_), 0.0)  # compiled now
-        self._columns = _columns(arm)
-        self._table = array_table(self._columns)
-        self.faults = self._columns.fault
+        self._tactels, self._boards = _tactels(arm), np.zeros(arm.n_patches, BOARD)
+        self._boards["start"], self._boards["stop"] = arm.patch_start[:-1], arm.patch_start[1:]
+        self._beside, self._law = _neighbours(arm, self._tactels, self._boards)
+        self._scratch = np.zeros((2, PLACES**2))
+        self.faults: npt.NDArray[np.uint8] = self._tactels["fault"]
         """(n_tactels,) :class:`TactelFault` bits, live."""
-        self.is_withheld = self._columns.is_withheld
+        self.is_withheld: Bools = self._boards["is_withheld"]
         """(n_patches,) whether the newest readings are of an earlier sample, or all at full scale, live."""
-        self.is_repeated = self._columns.is_repeated
+        self.is_repeated: Bools = self._boards["is_repeated"]
         """(n_patches,) whether all readings of this cycle have come again and are withheld for it, live."""
-        self.n_faulty = self._columns.n_faulty
+        self.n_faulty: Ints = self._boards["n_faulty"]
         """(n_patches,) tactels that have any, live."""
+        self._judge(
+            np.zeros(arm.n_tactels), np.zeros(arm.n_patches, np.bool_), Baseline(arm), 0.0
+        )  # compiled now
 
     def resume(self, patch: int, faults: Ints) -> None:
         """Begin with the faults (n_tactels of the patch,) that were found before; they heal as any others.
 
         What is out of its band the baseline finds anew.
         """
-        w = self._columns
-        i = slice(w.start[patch], w.start[patch + 1])
-        known = sum(fault for fault in TactelFault if fault is not TactelFault.BAND)
-        w.fault[i] = np.where(w.healthy[i], faults & known, 0)
-        w.n_faulty[patch] = np.count_nonzero(w.fault[i])
+        t = self._tactels[self.arm.tactels_of(patch)]
+        t["fault"] = np.where(t["healthy"], faults & JUDGED, 0)
+        self.n_faulty[patch] = np.count_nonzero(t["fault"])
 
     def judge(self, pressures: Floats, t_ns: int, fresh: Bools, baseline: Baseline) -> None:
         """Judge the readings of a cycle, and make those that are not plausible NaN, in place.
@@ -116,82 +245,379 @@ class Plausibility:
         t_ns = check_time(t_ns)
         dt = 0.0 if self._last_ns is None else min(max(1e-9 * (t_ns - self._last_ns), 0.0), 1.0)
         self._last_ns = t_ns
-        felt = baseline.felt
-        judge(self._table, pressures, felt.zero, felt.touched, felt.out, fresh, dt)
+        self._judge(pressures, fresh, baseline, dt)
+
+    def _judge(self, pressures: Floats, fresh: Bools, baseline: Baseline, dt: float) -> None:
+        felt, own = baseline.felt, (self._tactels, self._boards, self._beside, self._law, self._scratch)
+        _judge(*own, pressures, felt.zero, felt.touched, felt.out, fresh, dt)
 
 
-_BY_PATCH: Final = (
-    *("window_n", "turn", "quiet_s", "is_full", "is_crushed", "is_repeated", "is_withheld", "n_faulty"),
-)
-"""Columns of zeros by patch; the others are by tactel."""
-
-
-def _columns(arm: Arm) -> Columns:
-    """Return the columns of an arm before its first reading."""
-    n, p, patch = arm.n_tactels, arm.n_patches, arm.tactel_patch
-    # the mean in the middle of a step
-    most = erf(step_of(arm) / (np.sqrt(8.0) * np.maximum(arm.tactel_noise, 1e-300)))
-    lowest, step = np.array(
+def _tactels(arm: Arm) -> Rows:
+    """Return the tactels of an arm before their first reading."""
+    tactels, step = np.zeros(arm.n_tactels, TACTEL), step_of(arm)
+    lowest, of_count = np.array(
         [(-1.0 - t.full_counts, t.step) for t in (placed.patch.transducer for placed in arm.patches)]
-    )[patch].T
-    return filled(
-        Columns,
-        n,
-        dict.fromkeys(_BY_PATCH, p),
-        start=arm.patch_start.astype(np.int64),
-        healthy=np.array(arm.tactel_healthy),
-        high=limit_of(arm),
-        low=(lowest - arm.tactel_offset) * step * np.abs(arm.tactel_gain) + 0.5 * step_of(arm),
-        sigma=np.maximum(np.sqrt(arm.tactel_noise**2 + step_of(arm) ** 2 / 12.0), 1e-3),
-        touch=np.array(arm.tactel_threshold),
-        up=np.zeros(PLACES**2),
-        down=np.zeros(PLACES**2),
-        last=np.full(n, np.nan),
-        quiet=np.log(np.where(step_of(arm) > 0.0, most, 1.0)),
-        before=np.full(n, np.nan),
-        jump_age=np.full(n, JUMP_CYCLES + 1, np.int64),
-        **_tables(arm),
-    )
+    )[arm.tactel_patch].T
+    # the mean in the middle of a step
+    most = erf(step / (np.sqrt(8.0) * np.maximum(arm.tactel_noise, 1e-300)))
+    columns = {
+        "healthy": arm.tactel_healthy,
+        "high": limit_of(arm),
+        "low": (lowest - arm.tactel_offset) * of_count * np.abs(arm.tactel_gain) + 0.5 * step,
+        "sigma": np.maximum(np.sqrt(arm.tactel_noise**2 + step**2 / 12.0), 1e-3),
+        "touch": arm.tactel_threshold,
+        "quiet": np.log(np.where(step > 0.0, most, 1.0)),
+        "jump_age": JUMP_CYCLES + 1,
+    }
+    for name, column in columns.items():
+        tactels[name] = column
+    return tactels
 
 
-def _tables(arm: Arm) -> dict[str, Any]:
-    """Return the neighbours of tactels, and what the law gives them of contacts around; kinds share rows."""
+def _neighbours(arm: Arm, tactels: Rows, boards: Rows) -> tuple[Rows, Singles]:
+    """Return the neighbours of tactels and ``law``, (rows, 2, places); boards of one kind share rows.
+
+    It is the part of its peak that a tactel or a neighbour feels of a contact at a place, wide or narrow.
+    """
     axis = np.linspace(-SPAN, SPAN, PLACES)
     places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    rows_of: dict[bytes, int] = {}
-    wide: list[Singles] = []
-    columns: dict[str, list[Any]] = {name: [] for name in ("near", "away", "own_row", "tried_row")}
-    narrow: list[Singles] = []
+    first_row: dict[bytes, int] = {}
+    laws: list[Singles] = []
+    beside: list[Rows] = []
     for p, placed in enumerate(arm.patches):
-        uv = placed.patch.tactels_uv
+        uv, pitch, here = placed.patch.tactels_uv, placed.patch.pitch, arm.tactels_of(p)
         d = np.linalg.norm(uv[:, None] - uv, axis=-1)
-        pitch = float(np.where(d > 0.0, d, np.inf).min())
-        pitch = pitch if pitch < np.inf else placed.patch.diameter
-        around = [np.flatnonzero((row <= REACH * pitch) & (row > 0.0)) for row in d]
-        steps = [(uv[row] - uv[i]) / pitch for i, row in enumerate(around)]
-        off = np.linalg.norm(np.concatenate([np.zeros((1, 2)), *steps])[:, None] - places, axis=-1)
-        table = _part_of_peak(placed.patch.law, pitch * off / WIDTH)
-        own = rows_of.setdefault(table.tobytes(), sum(map(len, wide)))
-        if own == sum(map(len, wide)):
-            wide.append(table)
-            narrow.append(_part_of_peak(placed.patch.law, pitch * off / NARROW))
-        columns["own_row"].append(own)
-        columns["tried_row"].append(own + 1 + np.cumsum([0, *map(len, around[:-1])]))
-        columns["near"] += [arm.patch_start[p] + row for row in around]
-        columns["away"] += steps
-    away = np.concatenate(columns["away"])
-    return {
-        "neighbour_start": np.cumsum([0, *map(len, columns["near"])]),
-        "neighbour": np.concatenate(columns["near"]).astype(np.int64),
-        "away": away,
-        "is_next": np.linalg.norm(away, axis=-1) < NEXT,
-        "wide": np.concatenate(wide),
-        "narrow": np.concatenate(narrow),
-        "own_row": np.array(columns["own_row"]),
-        "tried_row": np.concatenate(columns["tried_row"]),
-    }
+        i, j = np.nonzero((d > 0.0) & (d <= REACH * pitch))
+        steps, step_row = np.unique(np.round((uv[j] - uv[i]) / pitch, 6), axis=0, return_inverse=True)
+        off = np.linalg.norm(np.concatenate([np.zeros((1, 2)), steps])[:, None] - places, axis=-1)
+        law = np.stack([_part_of_peak(placed.patch.law, pitch * off / width) for width in WIDTHS], axis=1)
+        n_rows = sum(map(len, laws))
+        own = first_row.setdefault(law.tobytes(), n_rows)
+        if own == n_rows:
+            laws.append(law)
+        rows = np.zeros(len(i), BESIDE)
+        rows["tactel"], rows["row"] = here.start + j, own + 1 + step_row
+        rows["is_next"] = d[i, j] < NEXT * pitch
+        rows["line"] = (np.abs(uv[j] - uv[i]) < IN_LINE * pitch) @ (1, 2)
+        boards["own_row"][p] = own
+        ends = sum(map(len, beside)) + np.searchsorted(i, np.arange(len(uv) + 1))
+        tactels["first"][here], tactels["last"][here] = ends[:-1], ends[1:]
+        beside.append(rows)
+    return np.concatenate(beside), np.concatenate(laws)
 
 
 def _part_of_peak(law: Law, d: Floats) -> Singles:
     """Return what is left of the peak of a light touch at distances, m: of a cone, the narrowest it makes."""
     return np.asarray(law.pressure(d, LIGHT_N) / law.pressure(np.zeros(1), LIGHT_N), np.float32)
+
+
+@kernel
+def _judge(
+    tactels: Rows,
+    boards: Rows,
+    beside: Rows,
+    law: Singles,
+    scratch: Floats,
+    pressures: Floats,
+    zero: Floats,
+    touched: npt.NDArray[np.int8],
+    out: Bools,
+    fresh: Bools,
+    dt: float,
+) -> None:
+    """Run one cycle."""
+    for p in range(len(boards)):
+        b = boards[p]
+        b.is_withheld = b.is_repeated = False
+        if not fresh[p]:
+            continue
+        is_touched = False
+        for i in range(b.start, b.stop):
+            t = tactels[i]
+            t.change, t.value, t.felt = pressures[i] - t.value, pressures[i], pressures[i] - zero[i]
+            is_touched |= touched[i] != 0
+        _compare(tactels, b)
+        b.quiet_s = 0.0 if is_touched else b.quiet_s + dt
+        if b.quiet_s > RAIL_S:
+            _end_touch(tactels, b)
+        is_touched &= not b.is_full
+        for i in range(b.start, b.stop):
+            t = tactels[i]
+            if t.healthy and math.isfinite(t.value):
+                bad = _rail(tactels, b, beside, law, t, dt)
+                is_free = touched[i] == 0 and abs(t.felt) < 3.0 * t.sigma
+                bad |= _changes(tactels, b, beside, t, is_free, dt)
+                t.good_s = 0.0 if bad != 0 else t.good_s + dt
+                held = t.fault & (JUDGED if t.good_s < RETURN_S else DEAD)
+                t.fault = held | bad | (BAND if out[i] else 0)
+                if is_touched and t.felt >= 6.0 * t.sigma and t.felt >= 0.5 * t.touch:
+                    _note_life(t, 1)
+        _watch_touch(tactels, b, beside, law, scratch, is_touched)
+        b.n_faulty = 0
+        for i in range(b.start, b.stop):
+            t = tactels[i]
+            b.n_faulty += t.fault != 0
+            # the baseline watches for a return to the band; what is not named yet is not used either
+            if t.fault & JUDGED != 0 or (t.fault == 0 and (t.is_old or t.rail_n > 0)):
+                pressures[i] = math.nan
+
+
+@inner_kernel
+def _compare(tactels: Rows, b: Any) -> None:
+    """Compare the readings of a board with those before, and with full scale.
+
+    Repetitions of tactels that follow each other count together: those of a PDO come again together.
+    """
+    n, n_same, n_hard, n_full = 0, 0, 0, 0
+    begin, run, chance = b.start, 0.0, 0.0
+    for i in range(b.start, b.stop):
+        t, own = tactels[i], 0.0
+        t.is_old &= t.change == 0.0
+        if t.healthy and math.isfinite(t.value):
+            n += 1
+            n_hard += t.value >= CRUSHED * t.high
+            n_full += t.value >= t.high
+            if t.change == 0.0:
+                n_same += 1
+                t.still += 1
+                own = _log_same(t)
+        chance += own
+        run += own * t.still
+        if own == 0.0:
+            begin, run = i + 1, 0.0
+        elif run + math.log(b.stop - b.start) * (i > begin) < SUSPECT:
+            for j in range(begin, i + 1):
+                tactels[j].is_old = True
+    is_full = n_full == n >= LEAST_FULL  # its supply fails, or force has brought it there
+    if not is_full:
+        b.is_crushed = 2 * n_hard >= n > 0
+    b.is_full = is_full and not b.is_crushed
+    b.is_repeated = n_same == n and chance < REPEAT_CHANCE
+    b.is_withheld = b.is_full or b.is_repeated
+
+
+@inner_kernel
+def _log_same(t: Any) -> float:
+    """Return the log of the chance of a reading to come again; 0 where that is not known, and at a rail."""
+    same = 1.0 - t.changes / (t.cycles + 1.0)
+    if same + 2.0 / math.sqrt(t.cycles) > SHOWN or not t.low < t.value < t.high:
+        return 0.0
+    return float(max(t.quiet, math.log(same)))
+
+
+@inner_kernel
+def _rail(tactels: Rows, b: Any, beside: Rows, law: Singles, t: Any, dt: float) -> int:
+    """Return whether a tactel is at a rail, or reads alone what no contact explains."""
+    is_at_top, is_lone = t.value >= t.high, False
+    if not b.is_full:
+        if is_at_top and t.change >= JUMP_SHARE * t.high and _jumps_alone(tactels, beside, t):
+            t.lone_n = RAIL_READINGS  # whatever touches beside it later
+        # what came to full scale alone is stuck until it leaves it
+        is_lone = (is_at_top and t.lone_n >= RAIL_READINGS) or _is_alone(tactels, b, beside, law, t)
+    t.lone_n = t.lone_n + 1 if is_at_top and is_lone else 0
+    t.rail_n = t.rail_n + 1 if is_lone or t.value <= t.low or b.is_full else 0
+    return RAIL if t.rail_n >= RAIL_READINGS and t.rail_n * dt >= RAIL_S else 0
+
+
+@inner_kernel
+def _is_alone(tactels: Rows, b: Any, beside: Rows, law: Singles, t: Any) -> bool:
+    """Return whether a tactel reads what no contact around explains: its neighbours would read more."""
+    if t.felt < max(t.touch, JUMP_SIGMAS * t.sigma):
+        return False
+    n_cells = law.shape[2]
+    for k in range(n_cells):
+        cell = (n_cells // 2 + k) % n_cells  # from the middle on: that explains most
+        peak = t.felt / max(law[b.own_row, NARROW, cell], 1e-9)
+        if peak > BEYOND * t.high:
+            continue
+        less, square, n = 0.0, 0.0, 0
+        for e in range(t.first, t.last):
+            other = tactels[beside[e].tactel]
+            if other.fault == 0 and math.isfinite(other.value):
+                due = peak * law[beside[e].row, NARROW, cell]
+                # what is more than the law may be of another contact, and makes up for no other neighbour
+                less += due * (LONE * due - min(max(other.felt, 0.0), due))
+                square += (due * other.sigma) ** 2
+                n += 1
+        if n < 2 or square == 0.0 or less < LONE_SURE * math.sqrt(square):
+            return False
+    return True
+
+
+@inner_kernel
+def _jumps_alone(tactels: Rows, beside: Rows, t: Any) -> bool:
+    """Return whether the nearest neighbours of a tactel stay as they were while it changes, by ``change``.
+
+    A tap changes them too, each or all together, however narrow and short it is.
+    """
+    n, total, square = 0, 0.0, 0.0
+    for e in range(t.first, t.last):
+        other = tactels[beside[e].tactel]
+        if other.fault == 0 and beside[e].is_next and math.isfinite(other.change):
+            n += 1
+            variance = 2.0 * other.sigma * other.sigma
+            total += other.change if t.change > 0.0 else -other.change
+            square += variance
+            if other.change * other.change >= UNMOVED * UNMOVED * variance:
+                return False
+    return n >= 2 and total < MOVED * math.sqrt(square)
+
+
+@inner_kernel
+def _changes(tactels: Rows, b: Any, beside: Rows, t: Any, is_free: bool, dt: float) -> int:
+    """Return whether a tactel is frozen or jumps; learn how often a free one repeats."""
+    bad, change = 0, abs(t.change)
+    if change == 0.0:
+        if t.still >= FREEZE_LEAST and t.still * _log_same(t) < CHANCE:
+            bad = FROZEN
+        t.was_old |= t.is_old or b.is_repeated or not t.low < t.value < t.high
+    else:
+        # a run counts when it is over, and if all of it was new: a frozen one does not change the rate
+        if is_free and not t.was_old:
+            keep = 0.5 if t.cycles > FORGET_CYCLES else 1.0
+            t.cycles = keep * (t.cycles + t.still + 1.0)
+            t.changes = keep * (t.changes + 1.0)
+        t.still = 0
+        t.was_old = False
+    t.jump_age += 1
+    t.jumps -= t.jumps * min(dt / JUMPS_S, 1.0)
+    if change > max(t.touch, JUMP_SIGMAS * t.sigma):
+        if t.jump_age <= JUMP_CYCLES and abs(t.value - t.before) < 0.25 * change:
+            t.jumps = min(t.jumps + 1.0, MOST_JUMPS)
+            t.jump_age = JUMP_CYCLES
+        elif _jumps_alone(tactels, beside, t):
+            t.jump_age = 0
+        t.before = t.value - t.change
+    return bad | JUMPING if t.jumps >= JUMPS - 1.0 else bad
+
+
+@inner_kernel
+def _watch_touch(
+    tactels: Rows, b: Any, beside: Rows, law: Singles, scratch: Floats, is_touched: bool
+) -> None:
+    """Average the readings of a board while a touch stays where it is; look at one of its silent tactels."""
+    if is_touched:
+        top, is_steady = 0.0, True
+        for i in range(b.start, b.stop):
+            top = max(top, tactels[i].felt)
+        for i in range(b.start, b.stop):
+            t = tactels[i]
+            is_steady &= not abs(t.felt - t.level) > STEADY * top + STEADY_SIGMAS * t.sigma
+        if not is_steady or b.turn >= b.stop:
+            b.window_n, b.turn = 0, b.start
+        if b.window_n < WINDOW:
+            b.window_n += 1
+            for i in range(b.start, b.stop):
+                t = tactels[i]
+                felt = t.felt if t.value < t.high else math.nan
+                t.level = felt if b.window_n == 1 else t.level + (felt - t.level) / b.window_n
+    if b.window_n < (WINDOW if is_touched else LEAST_WINDOW):
+        return
+    shrink = max(1.0 / math.sqrt(b.window_n), LEAST_NOISE)
+    while b.turn < b.stop:
+        t = tactels[b.turn]
+        b.turn += 1
+        if t.healthy and t.level >= FEELS * shrink * t.sigma:
+            _note_life(t, b.window_n)
+        elif t.healthy and math.isfinite(t.level) and _is_due(tactels, b, beside, law, scratch, t, shrink):
+            return  # one that is looked at in a cycle
+
+
+@inner_kernel
+def _is_due(
+    tactels: Rows, b: Any, beside: Rows, law: Singles, scratch: Floats, t: Any, shrink: float
+) -> bool:
+    """Note what a silent tactel should have read; return False if too little is felt beside it."""
+    n_felt, sigma = 0, shrink * t.sigma
+    for e in range(t.first, t.last):
+        other = tactels[beside[e].tactel]
+        n_felt += beside[e].is_next and other.level >= CLEAR * shrink * other.sigma
+    if n_felt < 2:
+        return False
+    least, place = 0.0, 0
+    for dead in range(3):  # a line is dead with its wire
+        if least == 0.0:
+            least, place = _least_felt(tactels, b, beside, law, scratch, t, sigma, dead)
+    if t.touches == 0 and not t.evident:
+        t.first_cell = place
+    u = place % PLACES - t.first_cell % PLACES
+    v = place // PLACES - t.first_cell // PLACES
+    # the first touch that it has not felt may be two contacts that look like one, and come again and again
+    is_elsewhere = STEP * math.sqrt(u * u + v * v) >= ELSEWHERE or t.touches == 0
+    if least > CLEAR * sigma and is_elsewhere:
+        least /= t.sigma
+        t.due += b.window_n * least * least
+        t.shown += b.window_n * least * t.level / t.sigma
+        t.evident = True
+        t.felt_n = 0
+    return True
+
+
+@inner_kernel
+def _least_felt(
+    tactels: Rows, b: Any, beside: Rows, law: Singles, scratch: Floats, t: Any, sigma: float, dead: int
+) -> tuple[float, int]:
+    """Return the least mean (Pa) of a tactel under one contact that explains its neighbours, and its place.
+
+    sigma: of the noise of means, Pa.
+    dead:  the ``line`` whose tactels count as missing where they read nothing
+
+    Of the places of a contact those with a chi^2 of at most LIKELY more than the best explain the neighbours,
+    if that of the best is at most MISFIT each. 0 if none does, or the board reads more elsewhere.
+    """
+    n, top, square = 0, 0.0, 0.0
+    up, down, n_cells = scratch[0], scratch[1], law.shape[2]
+    for cell in range(n_cells):
+        up[cell] = down[cell] = 0.0
+    for e in range(t.first, t.last):
+        other, row = tactels[beside[e].tactel], beside[e].row
+        is_lost = dead & beside[e].line != 0 and other.level < CLEAR * sigma
+        if other.fault == 0 and math.isfinite(other.level) and not is_lost:
+            n += 1
+            top = max(top, other.level)
+            square += other.level * other.level
+            for cell in range(n_cells):
+                part = law[row, WIDE, cell]
+                up[cell] += part * other.level
+                down[cell] += part * part
+    for i in range(b.start, b.stop):
+        if n < 4 or (tactels[i].fault == 0 and tactels[i].level > top):
+            return 0.0, 0
+    best, place = math.inf, 0
+    for cell in range(n_cells):
+        amplitude = up[cell] / down[cell] if down[cell] > 0.0 else 0.0
+        up[cell] = square - amplitude * up[cell] if amplitude <= BEYOND * t.high else math.inf
+        down[cell] = amplitude * law[b.own_row, WIDE, cell]
+        if up[cell] < best:
+            best, place = up[cell], cell
+    unit = sigma**2 + (TOLERANCE * top) ** 2
+    least = math.inf if best <= MISFIT * n * unit else 0.0
+    for cell in range(n_cells):
+        if up[cell] <= best + LIKELY * unit:
+            least = min(least, down[cell])
+    return least, place
+
+
+@inner_kernel
+def _note_life(t: Any, n: int) -> None:
+    """Note that a tactel felt something in n readings."""
+    t.evident = False
+    t.due = t.shown = 0.0
+    t.felt_n += n
+    if t.fault & DEAD == 0 or t.felt_n >= BACK_READINGS:
+        t.touches = 0
+        t.fault &= JUDGED ^ DEAD | BAND
+
+
+@inner_kernel
+def _end_touch(tactels: Rows, b: Any) -> None:
+    """Name the tactels of a board that read too little of what they should have in some touches."""
+    b.window_n, b.turn = 0, b.start
+    for i in range(b.start, b.stop):
+        t = tactels[i]
+        if t.evident:
+            t.evident = False
+            t.touches += 1
+            is_silent = t.shown + SURE * math.sqrt(t.due) < DEAD_SHARE * t.due
+            if is_silent and t.touches >= EVIDENT_TOUCHES:
+                t.fault |= DEAD

@@ -74,7 +74,7 @@ class Memory:
             "zeros": self._baseline.kept(),
             "faults": self._plausibility.faults.copy(),
             "tracks": self._tracker.kept(),
-            "last": self._tracker.last(),
+            "last": self._tracker.last,
         }
 
     def as_tables(self, snapshot: dict[str, Any]) -> dict[str, Any]:
@@ -122,8 +122,8 @@ class Memory:
             faults = numbers_in(kept.get("faults"), len(columns.zero))
             if faults is not None:
                 self._plausibility.resume(p, faults.astype(np.int64))
-        last = [_whole(tables.get(key), 1 << 62) for key in ("last_identity", "last_id")]
-        self._tracker.resume_counts(*last)
+        identity, number = (_whole(tables.get(key), 1 << 62) for key in ("last_identity", "last_id"))
+        self._tracker.last = max(identity, self._tracker.last[0]), number
         if age_s <= CONTACT_S:
             rows = tables.get("contacts")
             for row in rows[:64] if isinstance(rows, list) else ():

@@ -1,11 +1,7 @@
-"""False alarms of a healthy forearm: `python -m tests.estimate.false_alarms idle 100000 --seed 1`.
-
-``touched`` instead of ``idle`` presses it by the physics of the simulator, with indenters of which its law
+"""False alarms of a healthy forearm, pressed by the physics of the simulator, with indenters of which its law
 knows nothing. The baseline and the judgement of tactels are driven, with noise, gains that differ and the
 steps of the converters; no master.
 """
-
-import argparse
 
 import numpy as np
 
@@ -77,15 +73,6 @@ def alarms(skin):
     return bool(judged.n_faulty.any() or judged.is_withheld.any())
 
 
-def idle(seed, cycles):
-    """Return how many cycles have a false alarm while nothing touches the skin."""
-    skin, n = Skin(seed), 0
-    for _ in range(cycles):
-        skin.read(NO_TOUCH)
-        n += alarms(skin)
-    return n
-
-
 def touched(seed, cycles, arm=ARM):
     """Return how many cycles of touches have a false alarm, and how many readings were missing in them."""
     skin = Skin(seed, arm=arm)
@@ -102,20 +89,3 @@ def touched(seed, cycles, arm=ARM):
             skin.read(NO_TOUCH)
             n += alarms(skin)
     return n, n_missing, done
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["idle", "touched"])
-    parser.add_argument("cycles", type=int)
-    parser.add_argument("--seed", type=int, default=101)
-    asked = parser.parse_args()
-    if asked.what == "idle":
-        print(f"idle: {idle(asked.seed, asked.cycles)} of {asked.cycles} cycles with a false alarm")
-        return
-    n, n_missing, cycles = touched(asked.seed, asked.cycles)
-    print(f"touched: {n} of {cycles} cycles with a false alarm; {n_missing} readings missing")
-
-
-if __name__ == "__main__":
-    main()

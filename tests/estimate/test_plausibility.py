@@ -164,7 +164,6 @@ def test_jumping_tactel_is_named_and_taps_are_not():
 
 
 def test_no_false_alarm_of_touches_anywhere_one_to_three_at_once():
-    # 10^5 cycles: python -m tests.estimate.false_alarms touched 100000
     n, n_missing, cycles = touched(11, 3000)
     assert n == 0
     assert n_missing <= 1e-4 * cycles * N, "readings that only look so are rare"

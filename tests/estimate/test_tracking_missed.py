@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from skinbus.config.system import load_arm
-from skinbus.estimate import Estimator, Quality
-from skinbus.estimate.tracking import TrackState, Unseen
+from skinbus.estimate import Estimator
+from skinbus.estimate.tracking import TrackState
 from tests.estimate.crossing import SPEEDS, meet
 from tests.estimate.track_rig import Film
 from tests.oracle import cases
 
 HELD, LIFT, COAST = TrackState.HELD, TrackState.LIFT, TrackState.COAST
-MISFIT = int(Quality.MISFIT)
 SHARP = np.diag([2e-4, 2e-4, 0.1]) ** 2
 
 
@@ -30,7 +29,7 @@ def cross(film, speed, seen_apart, merged):
     for n in range(-n_half, n_half + 1):
         s1, s2 = 0.2 + speed * 0.02 * n, 0.2 - speed * 0.02 * n
         if abs(s1 - s2) < seen_apart:
-            tracks = film.show(merged(s1, s2), quality=MISFIT)
+            tracks = film.show(merged(s1, s2))
         else:
             tracks = film.show((1, s1, 0.1, 5.0), (1, s2, 0.1, 5.0))
         seen.append(tracks.identity[tracks.contact_row].tolist())
@@ -40,21 +39,13 @@ def cross(film, speed, seen_apart, merged):
 MERGED = {
     "the sum in the middle": lambda s1, s2: (1, 0.2, 0.1, 10.0),
     "the sum, off by 5 mm": lambda s1, s2: (1, 0.205, 0.105, 13.0),
-    "one of them": lambda s1, s2: (1, s1, 0.1, 5.0),
-    "the other": lambda s1, s2: (1, s2, 0.1, 5.5),
 }
 
 
 @pytest.mark.parametrize("merged", MERGED.values(), ids=MERGED)
-@pytest.mark.parametrize("speed", [0.2, 0.4, 0.7])
-def test_touches_that_cross_keep_their_identities_whatever_is_seen_of_them_meanwhile(film, speed, merged):
-    before, after = cross(film, speed, 0.024, merged)
-    assert before == after
-
-
-@pytest.mark.parametrize("speed", [0.04, 0.1, 0.2, 0.4])
-def test_touches_that_cross_keep_their_identities(film, speed):
-    before, after = cross(film, speed, 0.012, MERGED["the sum in the middle"])
+@pytest.mark.parametrize(("speed", "apart"), [(0.04, 0.012), (0.1, 0.012), (0.2, 0.024), (0.7, 0.024)])
+def test_touches_that_cross_keep_their_identities_while_their_sum_is_seen(film, speed, apart, merged):
+    before, after = cross(film, speed, apart, merged)
     assert before == after
 
 
@@ -63,13 +54,6 @@ def test_lift_beside_another_touch_is_a_lift_in_time(film):
         film.show((1, 0.10, 0.0, 5.0), (1, 0.113, 0.0, 5.0))
     states = [film.show((1, 0.10, 0.0, 5.0)).state.tolist() for _ in range(3)]
     assert states == [[HELD, COAST], [HELD, COAST], [HELD, LIFT]]
-
-
-def test_lift_beside_a_touch_that_no_law_explains_is_one_after_an_eighth_of_a_second(film):
-    for _ in range(20):
-        film.show((1, 0.10, 0.0, 5.0), (1, 0.113, 0.0, 5.0), quality=MISFIT)
-    states = [film.show((1, 0.10, 0.0, 5.0), quality=MISFIT).state.tolist()[-1] for _ in range(9)]
-    assert states == [COAST] * 7 + [LIFT, HELD]
 
 
 def test_touch_that_began_when_another_was_no_longer_seen_does_not_hide_it(film):
@@ -102,7 +86,7 @@ def test_touch_that_moves_keeps_its_identity_through_a_gap_where_no_tactel_feels
     # the outermost tactels of this board are at 0.115
     tracks = slide(film, lambda s: 0.1255 < s < 0.1305)
     assert {i for t in tracks for i in t.identity.tolist()} == {1}
-    assert {int(t.why[0]) for t in tracks} == {Unseen.SEEN, Unseen.BLIND}
+    assert {int(t.state[0]) for t in tracks} >= {TrackState.MOVE, COAST}
 
 
 def test_touch_that_slides_off_the_skin_has_ended_when_it_is_past_the_gap(film):

@@ -24,8 +24,8 @@ def make_arm():
 ARM = make_arm()
 
 
-def contacts(*rows, covariance=None, quality=0):
-    """Rows of (link, s, a) or (link, s, a, force); all have one quality."""
+def contacts(*rows, covariance=None):
+    """Rows of (link, s, a) or (link, s, a, force)."""
     table = np.array([(*row, 5.0)[:4] for row in rows], float).reshape(-1, 4)
     n, zeros = len(table), np.zeros(len(table), np.int64)
     link = table[:, 0].astype(np.int64)
@@ -38,7 +38,7 @@ def contacts(*rows, covariance=None, quality=0):
         patch=2 * link + (table[:, 1] > 0.2),
         level=np.array(["kmeans"] * n),
         n_tactels=zeros + 4,
-        quality=zeros + quality,
+        quality=zeros,
         status=zeros,
         size=np.zeros(n),
         residual=np.zeros(n),

@@ -87,7 +87,7 @@ def test_a_contact_that_ended_meanwhile_is_lifted_and_numbers_go_on(tmp_path):
     ]
     assert states[-1] == TrackState.LIFT
     last = story.tables["last_identity"], story.tables["last_id"]
-    assert story.restarts.slot.master.cycle.tracker.last() == last
+    assert story.restarts.slot.master.cycle.tracker.last == last
 
 
 def test_an_old_state_is_not_trusted_and_says_of_which_tactels(story):
