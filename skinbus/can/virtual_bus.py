@@ -1,4 +1,4 @@
-"""An in-process CAN bus on a virtual clock that does what a wire does: arbitration, frame time, load.
+"""An in-process CAN bus on a virtual clock that does what a wire does: arbitration and frame time.
 
 Whoever has something to send when the bus becomes free takes part in arbitration; the lowest identifier
 wins, a data frame before a remote frame, a standard before an extended one. A frame once begun is not
@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from heapq import heappop, heappush
 from typing import Final
 
-from skinbus.can.arbitration import BUS_OFF, ERROR_PENALTY, arbitration_key, collide
+from skinbus.can.arbitration import BUS_OFF, COLLISION_BITS, ERROR_PENALTY, arbitration_key, collide
 from skinbus.can.classic import INTERFRAME_BITS
 from skinbus.can.clock import VirtualClock
 from skinbus.can.core import NEVER, Core, DataQueue, receives
@@ -26,8 +26,6 @@ Tap = Callable[[Frame], object]
 OnEvent = Callable[[Event], object]
 
 MAX_BITRATE: Final = 1_000_000
-WINDOW_NS: Final = 1_000_000_000
-"""Time over which ``load`` is taken."""
 QUEUE_LIMIT: Final = 4096
 """Frames that a port may hold back; further ones are refused and counted."""
 
@@ -95,7 +93,7 @@ class VirtualBus:
         self.n_frames = 0
         self.n_collisions = 0
         self._ns_of_bits = [round(bits * 1_000_000_000 / bitrate) for bits in range(_LONGEST_BITS)]
-        self._begin_ns = self._now_ns = self.clock.now_ns()
+        self._now_ns = self.clock.now_ns()
         self._on_event = on_event
         self._taps: tuple[Tap, ...] = ()
         self._listeners: dict[tuple[int, int], tuple[Port, ...]] = {}  # by identifier and flags
@@ -106,8 +104,6 @@ class VirtualBus:
         self._flight: tuple[_Waiting, ...] = ()  # what is on the wire: one frame, equal ones of several ports
         self._flight_end_ns = 0
         self._free_ns = self._now_ns
-        self._busy: deque[tuple[int, int]] = deque()  # (begin, end) of what took the bus in the last window
-        self._busy_sum_ns = 0
 
     @property
     def now_ns(self) -> int:
@@ -180,18 +176,6 @@ class VirtualBus:
             self._now_ns = until_ns
             self.clock.move_to(until_ns)
 
-    def load(self) -> float:
-        """Share of the last window (of the time so far, if shorter) in which the bus was taken, 0..1."""
-        now_ns = self._now_ns
-        since_ns = max(self._begin_ns, now_ns - WINDOW_NS)
-        self._forget_busy(since_ns)
-        if now_ns == since_ns:
-            return 0.0
-        busy_ns = self._busy_sum_ns
-        if self._busy:
-            busy_ns -= max(0, since_ns - self._busy[0][0]) + max(0, self._busy[-1][1] - now_ns)
-        return busy_ns / (now_ns - since_ns)
-
     def _wake(self, port: Port, wake_ns: int) -> None:
         if wake_ns != port.wake_ns:
             port.wake_ns = wake_ns
@@ -247,7 +231,7 @@ class VirtualBus:
             self._forget_empty(key)
         end_ns, duration_ns = self._frame_ns(self._flight[0][1])
         self._flight_end_ns = now_ns + end_ns
-        self._take_bus(now_ns, duration_ns)
+        self._free_ns = now_ns + duration_ns
 
     def _contend(self, key: int, now_ns: int) -> tuple[_Waiting, ...]:
         """Let all ports that offer this key begin together; the answer is what gets through, if anything."""
@@ -256,17 +240,19 @@ class VirtualBus:
         for waiting in queue:
             firsts.setdefault(waiting[0].index, waiting)
         contenders = list(firsts.values())
-        outcome = collide([frame for _, frame in contenders], [port.error_counter for port, _ in contenders])
-        sent = tuple(contenders[i] for i in outcome.sent)
+        winners, failed = collide(
+            [frame for _, frame in contenders], [port.error_counter for port, _ in contenders]
+        )
+        sent = tuple(contenders[i] for i in winners)
         for waiting in sent:
             queue.remove(waiting)
-        if outcome.failed:
+        if failed:
             self.n_collisions += 1
             detail = f"COB-ID 0x{contenders[0][1].can_id:X} from {len(contenders)} ports"
             self._report(now_ns, EventKind.COLLISION, detail)
             if not sent:
-                self._take_bus(now_ns, self._ns_of_bits[min(outcome.bits, _LONGEST_BITS - 1)])
-            for i in outcome.failed:
+                self._free_ns = now_ns + self._ns_of_bits[COLLISION_BITS]
+            for i in failed:
                 self._count_error(contenders[i][0], now_ns)
         self._forget_empty(key)
         return sent
@@ -316,18 +302,6 @@ class VirtualBus:
             return duration_ns - self._ns_of_bits[INTERFRAME_BITS], duration_ns
         bits = classic_bits(frame)
         return self._ns_of_bits[bits - INTERFRAME_BITS], self._ns_of_bits[bits]
-
-    def _take_bus(self, now_ns: int, duration_ns: int) -> None:
-        self._free_ns = now_ns + duration_ns
-        self._busy.append((now_ns, self._free_ns))
-        self._busy_sum_ns += duration_ns
-        self._forget_busy(now_ns - WINDOW_NS)
-
-    def _forget_busy(self, since_ns: int) -> None:
-        busy = self._busy
-        while busy and busy[0][1] <= since_ns:
-            begin_ns, end_ns = busy.popleft()
-            self._busy_sum_ns -= end_ns - begin_ns
 
     def _forget_empty(self, key: int) -> None:
         """Remove the queue of a key if nothing is left in it."""

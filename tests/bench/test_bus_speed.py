@@ -56,7 +56,6 @@ def run_bus(n_patches: int, period_ms: int, seconds: int) -> int:
     wire.attach(sync)
     wire.attach(Patches(n_patches))
     wire.run(seconds * 1000 * MS_NS)
-    assert wire.load() < 0.95
     return wire.n_frames
 
 
