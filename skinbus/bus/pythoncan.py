@@ -51,7 +51,7 @@ logging.getLogger("can").addHandler(logging.NullHandler())
 
 
 class PythonCanBus(Bus):
-    """An open interface; counts what it could not do, raises BusError when the bus is gone."""
+    """An open interface; raises BusError when the bus is gone."""
 
     def __init__(
         self,
@@ -77,12 +77,6 @@ class PythonCanBus(Bus):
         self.channel = DEFAULT_CHANNELS.get(interface) if channel is None else channel
         self.fd = fd
         self.clock = clock or MonotonicClock()
-        self.n_received = 0
-        self.n_sent = 0
-        self.n_lost = 0
-        """Frames given up because the buffer stayed full."""
-        self.n_refused = 0
-        """Frames that this interface cannot carry."""
         self.batch = FrameBatch(1)
         self._data_ids: frozenset[int] = frozenset()
         self._tag = secrets.token_hex(4) if interface == "udp_multicast" else None
@@ -124,24 +118,17 @@ class PythonCanBus(Bus):
             frame = _to_frame(message, self._stamp(message.timestamp, now_ns, unix_ns))
             if frame is not None:
                 frames.append(frame)
-        self.n_received += len(frames)
         if self._data_ids:
             self.batch.extend([frame for frame in frames if receives(self._data_ids, frame)])
             frames = [frame for frame in frames if not receives(self._data_ids, frame)]
         return frames
 
     def send(self, frames: Sequence[Frame]) -> int:
-        """Send frames in this order; returns how many were sent; the rest is in the counters.
+        """Send frames in this order; returns how many were sent.
 
         Raises BusError if the interface is down or gone.
         """
-        n_before = self.n_sent
-        for frame in frames:
-            if self.fits(frame):
-                self._send_one(_to_message(frame, self._tag))
-            else:
-                self.n_refused += 1
-        return self.n_sent - n_before
+        return sum(self._send_one(_to_message(frame, self._tag)) for frame in frames if self.fits(frame))
 
     def descriptors(self, *, for_data: bool = True) -> list[int]:
         """Descriptors that become readable with frames; none if there are none."""
@@ -169,8 +156,8 @@ class PythonCanBus(Bus):
                 timeout_s = 0.0
         return None
 
-    def _send_one(self, message: can.Message) -> None:
-        """Send and count; wait for a full buffer, but no longer once that was in vain."""
+    def _send_one(self, message: can.Message) -> bool:
+        """Return whether it was sent; a full buffer is waited for, but no longer once that was in vain."""
         patience_s = 0.0 if self._buffer_stuck else SEND_PATIENCE_S
         give_up_s = time.monotonic() + patience_s
         while True:
@@ -179,22 +166,18 @@ class PythonCanBus(Bus):
             except (can.CanError, OSError, ValueError) as error:
                 code = _errno(error)
                 if code in BAD_FRAME:
-                    self.n_refused += 1
-                    return
+                    return False
                 if code is not None and code not in _FULL:
                     raise BusError(f"{self}: sending failed: {error}") from error
                 if code is None and not _is_full(error):
-                    self.n_lost += 1  # some receiver on the virtual bus has a full queue
-                    return
+                    return False  # some receiver on the virtual bus has a full queue
                 if time.monotonic() >= give_up_s:
-                    self.n_lost += 1
                     self._buffer_stuck = True
-                    return
+                    return False
                 time.sleep(RETRY_S)
             else:
-                self.n_sent += 1
                 self._buffer_stuck = False
-                return
+                return True
 
     def _stamp(self, timestamp: float, now_ns: int, unix_ns: int) -> int:
         """The message's time on our clock: never in the future, never before an earlier message."""

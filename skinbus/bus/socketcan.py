@@ -46,7 +46,7 @@ _FULL: Final = {errno.ENOBUFS, errno.EAGAIN, errno.EINTR, errno.ENOMEM}
 
 
 class SocketCanBus(Bus):
-    """An open interface; counts what it could not do, raises BusError when the interface is gone."""
+    """An open interface; raises BusError when it is gone."""
 
     gives_up_in_order = True
 
@@ -67,11 +67,6 @@ class SocketCanBus(Bus):
         self.fd = fd
         self.clock = clock or MonotonicClock()
         self.n_received = 0
-        self.n_sent = 0
-        self.n_lost = 0
-        """Frames given up because the queue stayed full."""
-        self.n_refused = 0
-        """Frames that this interface cannot carry."""
         self._stuck = False
         self._receive_buffer = receive_buffer
         self._data_ids: frozenset[int] = frozenset()
@@ -156,19 +151,17 @@ class SocketCanBus(Bus):
         return self._faults.news(now_ns, n_dropped) + babble
 
     def send(self, frames: Sequence[Frame]) -> int:
-        """Send frames in this order; returns how many were sent; the rest is in the counters.
+        """Send frames in this order; returns how many were sent.
 
         Raises BusError if the interface is down or gone.
         """
         fit = [frame for frame in frames if self.fits(frame)]
-        self.n_refused += len(frames) - len(fit)
-        n_before, first, give_up_s = self.n_sent, 0, 0.0
+        n_sent, first, give_up_s = 0, 0, 0.0
         while first < len(fit):
             try:
                 n = self._writer.write(fit[first : first + CHUNK])
             except OSError as error:
                 if error.errno in BAD_FRAME:
-                    self.n_refused += 1
                     first += 1
                     continue
                 if error.errno not in _FULL:
@@ -180,15 +173,14 @@ class SocketCanBus(Bus):
                 time.sleep(RETRY_S)
             else:
                 first, give_up_s = first + n, 0.0
-                self.n_sent += n
+                n_sent += n
         given_up = len(fit) - first
-        self.n_lost += given_up
-        self._stuck = given_up > 0 or (self._stuck and self.n_sent == n_before)
+        self._stuck = given_up > 0 or (self._stuck and not n_sent)
         if given_up:
             self._faults.send_queue_full(given_up)
         if not self._stuck:
             self._faults.send_queue_free()
-        return self.n_sent - n_before
+        return n_sent
 
     def close(self) -> None:
         """Let go of the interface; a second call does nothing."""

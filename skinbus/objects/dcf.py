@@ -177,7 +177,6 @@ def write_dcf(
     values: Mapping[tuple[int, int], Number],
     *,
     node_id: int = 0,
-    bitrate: int = 0,
 ) -> None:
     """Write a DCF: the text of an EDS or DCF, with ParameterValues for values by index and sub-index.
 
@@ -187,7 +186,7 @@ def write_dcf(
     found = find_eds(source)
     raw = read_bytes(found, MAX_BYTES, EdsError)
     text, encoding = decode_text(raw)
-    new = dcf_text(text, values, name=str(found), node_id=node_id, bitrate=bitrate, file_name=path.name)
+    new = dcf_text(text, values, name=str(found), node_id=node_id, file_name=path.name)
     path.write_bytes(new.encode(encoding))
 
 
@@ -197,7 +196,6 @@ def dcf_text(
     *,
     name: str = "EDS",
     node_id: int = 0,
-    bitrate: int = 0,
     file_name: str = "",
 ) -> str:
     """Return the text of a file with ParameterValues added or replaced; all else stays as it is."""
@@ -229,8 +227,6 @@ def dcf_text(
         edits.put("FileInfo", "FileName", file_name)
     if node_id:
         edits.put("DeviceComissioning", "NodeID", str(node_id))  # spelled so by CiA 306
-    if bitrate:
-        edits.put("DeviceComissioning", "Baudrate", str(bitrate // 1000))
     return edits.text()
 
 

@@ -163,9 +163,6 @@ def _add_dummies(od: ObjectDictionary, file: EdsFile) -> None:
 
 
 def _add_device_information(od: ObjectDictionary, file: EdsFile) -> None:
-    for name in ("DeviceComissioning", "DeviceCommissioning"):  # the first spelling is CiA 306's
-        if bitrate := file.integer(name, "Baudrate"):
-            od.bitrate = bitrate * 1000
     info = od.device_information
     info.LSS_supported = bool(file.integer("DeviceInfo", "LSS_Supported"))
     rates = (10, 20, 50, 125, 250, 500, 800, 1000)

@@ -102,7 +102,6 @@ class Entry:
     name: str
     object_type: int
     variables: dict[int, Variable] = field(default_factory=dict)
-    compact: bool = False
 
     @property
     def is_group(self) -> bool:
@@ -320,7 +319,6 @@ def _expand_compact(file: EdsFile, section: Section, entry: Entry) -> None:
         wanted = f"1 to 254, {MAX_SECTIONS} in a file"
         file.fault(section.name, "CompactSubObj", section.get("CompactSubObj"), wanted)
         return
-    entry.compact = True
     model = replace(_read_variable(file, section, entry.index, 1, entry.name, VAR), generated=True)
     names = _compact_list(file, f"{section.name}Name", count)
     values = _compact_list(file, f"{section.name}Value", count)

@@ -69,7 +69,6 @@ class PdoMap:
     """Identifier alone, without the flags of the parameter."""
     valid: bool
     extended: bool
-    rtr_allowed: bool
     transmission_type: int
     inhibit_100us: int
     event_timer_ms: int
@@ -115,7 +114,6 @@ def compile_pdo(
         cob_id=cob_id & (cia.COB_ID_MASK_29 if extended else cia.COB_ID_MASK_11),
         valid=not cob_id & cia.COB_ID_INVALID,
         extended=extended,
-        rtr_allowed=not cob_id & cia.COB_ID_NO_RTR,
         transmission_type=parameter(cia.PDO_TYPE),
         inhibit_100us=parameter(cia.PDO_INHIBIT),
         event_timer_ms=parameter(cia.PDO_EVENT_TIMER),

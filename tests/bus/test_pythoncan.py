@@ -63,7 +63,6 @@ def test_frames_cross_unchanged_and_the_sender_does_not_hear_itself(kind):
         assert bare(exchange(a, b, CLASSIC)) == bare(CLASSIC)
         assert bare(exchange(b, a, CLASSIC[:2])) == bare(CLASSIC[:2])
         assert a.receive() == b.receive() == []
-        assert (a.n_sent, a.n_received) == (len(CLASSIC), 2)
 
 
 def test_reception_goes_on_after_garbage_datagrams():
@@ -146,7 +145,6 @@ def test_send_buffer_that_stays_full_costs_frames_but_does_not_block(scripted, m
     fake, bus = scripted(*[FULL] * 4)
     assert bus.send([Frame(1), Frame(2), Frame(3), Frame(4), Frame(5)]) == 1
     assert fake.sent == [5]
-    assert bus.n_lost == 4
 
 
 @pytest.mark.parametrize("code", [errno.ENETDOWN, errno.ENXIO, errno.ENODEV, errno.EBADF])

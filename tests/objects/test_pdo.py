@@ -4,14 +4,14 @@ import pytest
 
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
-from skinbus.objects.pdo import Direction, compile_pdo, rpdos, tpdos
+from skinbus.objects.pdo import Direction, compile_pdo, tpdos
 
 
 def test_patch_sends_sixteen_readings_in_four_tpdos():
     maps = tpdos(load_eds("skin-patch", 5))
     assert [pdo.cob_id for pdo in maps] == [0x185, 0x285, 0x385, 0x485]
     assert [pdo.number for pdo in maps] == [1, 2, 3, 4]
-    assert all(pdo.valid and not pdo.rtr_allowed and not pdo.extended for pdo in maps)
+    assert all(pdo.valid and not pdo.extended for pdo in maps)
     assert all(pdo.transmission_type == 1 and pdo.length == 8 for pdo in maps)
     entries = [entry for pdo in maps for entry in pdo.entries]
     assert [entry.sub for entry in entries] == list(range(1, 17))
@@ -21,7 +21,7 @@ def test_patch_sends_sixteen_readings_in_four_tpdos():
 
 
 def test_command_rpdo_is_off_as_delivered():
-    (pdo,) = rpdos(load_eds("skin-patch", 5))
+    pdo = compile_pdo(load_eds("skin-patch", 5), Direction.RPDO, 1)
     assert (pdo.valid, pdo.cob_id, pdo.length) == (False, 0x205, 4)
 
 
