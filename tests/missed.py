@@ -56,8 +56,6 @@ MISSED = {
     ),
     "tests/interop/test_npm_master.py::"
     "test_device_of_another_make_is_booted_and_its_readings_become_a_contact": "five contacts",
-    "tests/master/commissioning/test_press_guide.py::"
-    "test_presses_are_taken_back_left_out_and_gone_on_with": "cause not known",
     "tests/planning/test_coverage.py::"
     "test_predicted_and_measured_scatter_agree_within_a_tenth[radial]": "1.15 times the bound; 1.1 asked",
     "tests/skin/test_simulated_covers.py::"

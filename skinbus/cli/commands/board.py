@@ -189,8 +189,8 @@ def check(
         sys.exit(1)
 
     def show(result: RuleResult) -> None:
-        grade, detail = result.finding.grade, result.finding.detail
-        console.print(f"{grade.value:7} {result.rule.name}  {detail}".rstrip(), style=STYLES[grade])
+        rule, grade, detail = result
+        console.print(f"{grade.value:7} {rule.name}  {detail}".rstrip(), style=STYLES[grade])
 
     console.print(f"node {node_id} on {place}, as {eds} describes it:")
     with progress(console, "SYNCs", syncs) as advance:
@@ -207,6 +207,6 @@ def check(
     console.print("not found by this: samples that are one cycle old")
     if not press:
         console.print("with --press: readings in another scale or order, which are near 0 without")
-    n_failed = sum(result.finding.grade is Grade.FAIL for result in core.results)
+    n_failed = sum(result.grade is Grade.FAIL for result in core.results)
     console.print(f"{n_failed} rules fail" if n_failed else "all rules that were checked hold")
     sys.exit(0 if core.passed and len(core.results) == len(RULES) else 1)

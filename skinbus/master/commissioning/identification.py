@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -141,87 +141,76 @@ class Identification(PressDialogue):
         """Return the places at which no board was found."""
         return [place for place in self.places if place.key not in self.found]
 
-    def summary(self) -> Iterator[str]:
+    def summary(self) -> list[str]:
         """Return what was found, place by place."""
+        lines = []
         for k, place in enumerate(self.places, 1):
             said = "left out" if place.key in self._skipped else "-"
             if own := self.found.get(place.key):
                 said = f"node {own.node_id}, yaw {math.degrees(own.yaw):.0f} deg{', mirrored' * own.mirrored}"
-            yield f"  {k:3}  {place.label}: {said}"
+            lines.append(f"  {k:3}  {place.label}: {said}")
+        return lines
 
-    def _open(self) -> Iterator[str]:
-        if self.found:
-            yield f"{len(self.found)} of {len(self.places)} places are known from before."
-        yield f"Press with a finger for a second, let go, and wait for the next line. {HELP}."
-        yield from self._ask()
+    def greet(self) -> list[str]:
+        """Return what is said first."""
+        known = [f"{len(self.found)} of {len(self.places)} places are known from before."] * bool(self.found)
+        return [*known, f"Press with a finger for a second, let go, and wait for the next line. {HELP}."]
 
-    def _left(self) -> list[Place]:
-        return [place for place in self.missing() if place.key not in self._skipped]
+    @property
+    def _next(self) -> Place | None:
+        """The place that is asked for."""
+        return next((place for place in self.missing() if place.key not in self._skipped), None)
 
-    def _ask(self) -> Iterator[str]:
-        left = self._left()
-        self.is_complete = not left
-        if not left:
-            yield "All places have been asked for. Type done to write the arm file, undo, or list."
-            return
-        where = f"[{self.places.index(left[0]) + 1}/{len(self.places)}] {left[0].label}"
-        what = f"corner {self._corner_words(left[0])}" if self._felt else "centre"
-        yield f"{where}: press the {what}."
+    def ask(self) -> str:
+        """Return what is asked for: the centre of a place, or one of its corners."""
+        place = self._next
+        self.is_complete = place is None
+        if place is None:
+            return "All places have been asked for. Type done to write the arm file, undo, or list."
+        what = f"corner {_words_of_corner(place, len(self._felt) - 1)}" if self._felt else "centre"
+        return f"[{self.places.index(place) + 1}/{len(self.places)}] {place.label}: press the {what}."
 
-    def _corner_words(self, place: Place) -> str:
-        c = corner(place.size, place.yaw, len(self._felt) - 1)
-        along = "far" if c.real > 0 else "near"
-        around = place.around if c.imag > 0 else place.around.replace("larger", "smaller")
-        if abs(c.real) < 0.3 * abs(c):
-            return f"on the side of {around}"
-        if abs(c.imag) < 0.3 * abs(c):
-            return f"at the {along} end of the link"
-        return f"at the {along} end of the link, on the side of {around}"
-
-    def _skip(self) -> Iterator[str]:
-        for place in self._left()[:1]:
-            self._skipped.append(place.key)
-            yield f"Left out: {place.label}."
+    def skip(self) -> list[str]:
+        """Leave out the place that is asked for."""
         self._felt = []
-        yield from self._ask()
+        if place := self._next:
+            self._skipped.append(place.key)
+        return [f"Left out: {place.label}."] if place else []
 
-    def _undo(self) -> Iterator[str]:
+    def undo(self) -> list[str]:
+        """Take back the last press, or all that was left out."""
         if self._felt:
             self._felt = []
-            yield "This place begins anew."
-        elif self.found:
+            return ["This place begins anew."]
+        if self.found:
             key, _ = self.found.popitem()
-            yield f"Taken back: {next(place.label for place in self.places if place.key == key)}."
-        elif not self._skipped:
-            yield "There is nothing to take back."
-        else:
-            self._skipped.clear()
-        yield from self._ask()
+            return [f"Taken back: {place.label}." for place in self.places if place.key == key]
+        said = [] if self._skipped else ["There is nothing to take back."]
+        self._skipped.clear()
+        return said
 
-    def _take(self, press: HandPress) -> Iterator[str]:
-        """Take a press, and ask for the next point of the place or note the board that sits there."""
-        if not self._felt:
-            self._board = press.board
-        board, place = self.boards[self._board], self._left()[0]
-        self._felt.append(press.places[self._board])
-        shows_turn = self._turns and _shows_turn(board.uv)
-        said, yaw, mirrored = f"node {board.node_id}", place.yaw, False
+    def take(self, press: HandPress) -> str:
+        """Take a press: the next point of the place, or with the last one the board that sits there."""
+        place = self._next
+        assert place is not None
+        if fault := self._wrong_corner(press, place) if self._felt else self._wrong_centre(press, place):
+            return fault
+        self._board = self._board if self._felt else press.board
+        board = self.boards[self._board]
+        self._felt.append(complex(press.places[self._board]))
+        shows_turn, said = self._turns and _shows_turn(board.uv), f"node {board.node_id}"
         if shows_turn and len(self._felt) <= len(CORNERS):
-            if len(self._felt) == 1:
-                yield said
-            yield from self._ask()
-            return
+            return said if len(self._felt) == 1 else ""
         felt, self._felt = self._felt, []
+        yaw, mirrored = place.yaw, False
         if shows_turn:
             points = [0j, *(corner(place.size, place.yaw, k) for k in range(len(CORNERS)))]
             turn = fit_turn(felt, points, place.yaw)
             if turn is None:
-                yield (
+                return (
                     "That was not the centre and those two corners of a board, as the arm file has it or by "
                     "quarters of a turn from that; begin with its centre."
                 )
-                yield from self._ask()
-                return
             yaw, mirrored = turn
             degrees = math.degrees(math.remainder(yaw - place.yaw, math.tau))
             said += f", turned by {degrees:.0f} deg" if abs(degrees) > 0.5 else ", as planned"
@@ -229,32 +218,44 @@ class Identification(PressDialogue):
         elif self._turns:
             said += "; too few tactels to show how it is turned"
         self.found[place.key] = Identified(board.node_id, board.identity, yaw, mirrored)
-        yield f"{place.label}: {said}"
-        yield from self._ask()
+        return f"{place.label}: {said}"
 
-    def _wrong(self, press: HandPress) -> str:
-        place, board = self._left()[0], self.boards[press.board]
-        node_id, near = board.node_id, CENTRE * min(place.size)
-        if self._felt:
-            asked, at = self.boards[self._board].node_id, press.places[self._board]
-            if press.strengths[self._board] < CORNER_SHARE:
-                return f"Node {node_id} was pressed in place of node {asked}."
-            if abs(at - self._felt[0]) < near:
-                return f"Node {asked} was pressed near its centre, not at a corner."
-            if any(abs(at - old) < near for old in self._felt[1:]):
-                return f"Node {asked} was pressed at the corner before: press the other one."
-            return ""
+    def _wrong_corner(self, press: HandPress, place: Place) -> str:
+        """Return what is wrong with a press that was to be at a corner of the board."""
+        asked, away = self.boards[self._board].node_id, np.abs(press.places[self._board] - self._felt)
+        is_near = away < CENTRE * min(place.size)
+        if press.strengths[self._board] < CORNER_SHARE:
+            return f"Node {self.boards[press.board].node_id} was pressed in place of node {asked}."
+        if is_near[0]:
+            return f"Node {asked} was pressed near its centre, not at a corner."
+        if is_near.any():
+            return f"Node {asked} was pressed at the corner before: press the other one."
+        return ""
+
+    def _wrong_centre(self, press: HandPress, place: Place) -> str:
+        """Return what is wrong with a press that was to be at the centre of a board."""
+        board, off = self.boards[press.board], abs(press.places[press.board])
         if press.others:
             nodes = ", ".join(str(self.boards[b].node_id) for b in (press.board, *press.others))
             return f"More than one board was pressed (nodes {nodes}): press one, away from its edges."
         for other in self.places:
-            if other.key in self.found and self.found[other.key].node_id == node_id:
-                return f"Node {node_id} was pressed, which is at {other.label}; if not, type undo."
+            if other.key in self.found and self.found[other.key].node_id == board.node_id:
+                return f"Node {board.node_id} was pressed, which is at {other.label}; if not, type undo."
         if board.kind != place.kind:
-            return f"Node {node_id} is another kind of board than the arm file has at {place.label}."
-        if abs(press.place) > near:
-            return f"Node {node_id} was pressed {1e3 * abs(press.place):.0f} mm from its centre."
+            return f"Node {board.node_id} is another kind of board than the arm file has at {place.label}."
+        if off > CENTRE * min(place.size):
+            return f"Node {board.node_id} was pressed {1e3 * off:.0f} mm from its centre."
         return ""
+
+
+def _words_of_corner(place: Place, which: int) -> str:
+    """Return where a corner of a place is, in words."""
+    c = corner(place.size, place.yaw, which)
+    along = f"at the {'far' if c.real > 0 else 'near'} end of the link"
+    around = f"on the side of {place.around if c.imag > 0 else place.around.replace('larger', 'smaller')}"
+    if abs(c.real) < 0.3 * abs(c):
+        return around
+    return along if abs(c.imag) < 0.3 * abs(c) else f"{along}, {around}"
 
 
 def _shows_turn(uv: Floats) -> bool:

@@ -6,18 +6,19 @@ They have no input or output of their own: ``step`` takes pressures and what was
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.can.core import NEVER
 from skinbus.estimate.calibration.table import mean_and_noise
 from skinbus.printable import printable
 
 Floats = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 HOLD_NS = 300_000_000
 """A press shorter than this is a slip: people who mean it hold for half a second."""
@@ -65,16 +66,15 @@ class Flaw(StrEnum):
     STUCK = "is pressed without end: what it reads now is its zero"
 
 
-@dataclass(frozen=True, slots=True)
-class HandPress:
+class HandPress(NamedTuple):
     """One press, when it has ended."""
 
     board: int
     """The one that is pressed most."""
-    others: tuple[int, ...]
+    others: list[int]
     """Those that are pressed nearly as much."""
-    places: tuple[complex, ...]
-    """By board: u + iv of its centre of pressure, m."""
+    places: npt.NDArray[Any]
+    """(n_boards,) u + iv of the centre of pressure, m."""
     strengths: Floats
     """(n_boards,) sums of the pressures, relative to that of the board."""
     readings: Floats
@@ -83,91 +83,71 @@ class HandPress:
     """(n_tactels,) Pa, what the readings scattered by meanwhile; NaN for less than two."""
     flaw: Flaw
 
-    @property
-    def place(self) -> complex:
-        """The centre of pressure on the board that is pressed most."""
-        return self.places[self.board]
-
 
 class PressDetector:
     """Finds presses in the pressures of boards, cycle by cycle."""
 
     def __init__(self, boards: Sequence[Board]) -> None:
-        self._boards = tuple(boards)
-        self._starts = np.concatenate([[0], np.cumsum([len(board.uv) for board in boards])]).astype(int)
-        self._threshold = np.repeat([board.threshold for board in boards], np.diff(self._starts))
-        self._zero = np.full(self._starts[-1], np.nan)
-        self._begin(0)
+        self._sizes = [len(board.uv) for board in boards]
+        self._starts = np.cumsum([0, *self._sizes[:-1]])
+        self._at = np.concatenate([board.uv for board in boards]) @ np.array([1.0, 1j])
+        self._threshold = np.repeat([board.threshold for board in boards], self._sizes)
+        self._zero = np.full(len(self._at), np.nan)
+        self._first_ns = self._last_ns = 0
+        self._rows: list[tuple[float, Floats]] = []
 
     @property
     def is_pressed(self) -> bool:
         """Whether a press is under way."""
-        return self._is_open
-
-    def _begin(self, now_ns: int) -> None:
-        self._is_open = False
-        self._first_ns = self._last_ns = now_ns
-        self._strongest = 0.0
-        self._rows: list[tuple[float, Floats]] = []
+        return bool(self._rows)
 
     def step(self, now_ns: int, pressures: Floats) -> HandPress | None:
         """Take the pressures (n_tactels,) Pa of a cycle; return the press that has ended with it.
 
         Zeros are not subtracted yet; what was not read is NaN.
         """
-        is_new = np.isnan(self._zero) & np.isfinite(pressures)
-        self._zero[is_new] = pressures[is_new]
+        self._zero = np.where(np.isnan(self._zero), pressures, self._zero)
         above = pressures - self._zero
-        p = np.where(np.isfinite(above), above, 0.0)
-        is_lit = np.maximum.reduceat(p / self._threshold, self._starts[:-1]) > LIT
-        is_free = ~np.repeat(is_lit, np.diff(self._starts))
+        p = np.nan_to_num(above, nan=0.0)
+        is_lit = np.maximum.reduceat(p / self._threshold, self._starts) > LIT
+        is_free = ~np.repeat(is_lit, self._sizes)
         self._zero += is_free * np.where(p < -FALL * self._threshold, FALL, FOLLOW) * p
         if is_lit.any():
-            if not self._is_open:
-                self._begin(now_ns)
-                self._is_open = True
+            self._first_ns = self._first_ns if self._rows else now_ns
             self._last_ns = now_ns
-            strength = float(np.maximum(p, 0.0)[~is_free].sum())
-            self._strongest = max(self._strongest, strength)
-            self._rows.append((strength, above))
-            if now_ns - self._first_ns < STUCK_NS:
-                return None
-            press = self._press(Flaw.STUCK)
-            self._zero += np.where(is_free, 0.0, p)
-            self._begin(now_ns)
-            return press
-        if not self._is_open or now_ns - self._last_ns < RELEASED_NS:
+            self._rows.append((float(np.maximum(p, 0.0)[~is_free].sum()), above))
+        is_stuck = now_ns - self._first_ns >= STUCK_NS and is_lit.any()
+        is_over = is_stuck or now_ns - self._last_ns >= RELEASED_NS
+        if not (self._rows and is_over):
             return None
+        if is_stuck:
+            self._zero += ~is_free * p
         is_short = self._last_ns - self._first_ns < HOLD_NS
-        press = self._press(Flaw.SHORT if is_short else Flaw.NONE)
-        self._begin(now_ns)
+        press = self._press(Flaw.STUCK if is_stuck else Flaw.SHORT if is_short else Flaw.NONE)
+        self._rows = []
         return press
 
     def _press(self, flaw: Flaw) -> HandPress | None:
         """Return the press under way; None if it was short and light: noise, or a sleeve."""
         strengths = np.array([strength for strength, _ in self._rows])
-        rows = np.array([above for _, above in self._rows])
-        strong = strengths >= STRONG * self._strongest
-        usual = np.quantile(strengths[strong], 0.5, method="lower")
+        usual = np.quantile(strengths[strengths >= STRONG * strengths.max()], 0.5, method="lower")
         held = np.abs(strengths / usual - 1.0) < STEADY
-        mean = np.nan_to_num(mean_and_noise(rows[strong])[0], nan=0.0)
+        readings, noise = mean_and_noise(np.array([above for _, above in self._rows])[held])
+        mean = np.nan_to_num(readings, nan=0.0)
         share = np.where(mean > 0.5 * self._threshold, mean, 0.0)  # what is less is noise, and pulls inwards
-        strength = np.add.reduceat(share, self._starts[:-1])
+        strength = np.add.reduceat(share, self._starts)
         board = int(strength.argmax())
         weight = np.maximum(mean, 0.0)
-        places = []
-        for own, first, last in zip(self._boards, self._starts[:-1], self._starts[1:], strict=True):
-            centre = weight[first:last] @ own.uv / max(float(weight[first:last].sum()), 1e-300)
-            places.append(complex(*centre))
-        peak = mean[self._starts[board] : self._starts[board + 1]].max()
-        if peak < LIGHT * self._boards[board].threshold:
+        moment = np.add.reduceat(weight * self._at, self._starts)
+        whole = np.add.reduceat(weight, self._starts)
+        if np.maximum.reduceat(mean / self._threshold, self._starts)[board] < LIGHT:
             if flaw is Flaw.SHORT:
                 return None
             flaw = flaw or Flaw.LIGHT
         strength = strength / max(float(strength[board]), 1e-300)
         others = [b for b in np.flatnonzero(strength > SECOND).tolist() if b != board]
-        readings, noise = mean_and_noise(rows[held])
-        return HandPress(board, tuple(others), tuple(places), strength, readings, noise, flaw)
+        places = moment / np.maximum(whole, 1e-300)
+        return HandPress(board, others, places, strength, readings, noise, flaw)
 
 
 REMIND_NS = 20_000_000_000
@@ -181,7 +161,10 @@ HELP = (
 
 
 class PressDialogue(ABC):
-    """A dialogue about presses on ``boards``, whose pressures it gets, in their order."""
+    """A dialogue about presses on ``boards``, whose pressures it gets, in their order.
+
+    Whatever is said, the question follows.
+    """
 
     def __init__(self, boards: Sequence[Board]) -> None:
         self.boards = tuple(boards)
@@ -191,71 +174,58 @@ class PressDialogue(ABC):
         self.is_quit = False
         """Whether the rest is left for later."""
         self._detector = PressDetector(boards)
-        self._asked_ns: int | None = None
-        self._begun = False
+        self._remind_ns = 0
 
     def step(self, now_ns: int, pressures: Floats, answers: Sequence[str] = ()) -> list[str]:
         """Take the pressures (n_tactels,) Pa of a cycle and lines that were typed; return lines to show."""
         lines: list[str] = []
-        if not self._begun:
-            self._begun = True
-            lines += self._open()
+        if not self._remind_ns:
+            lines += [*self.greet(), self.ask()]
         for answer in answers:
             if not self.is_over:
                 lines += self._answer(answer.strip())
         press = self._detector.step(now_ns, pressures)
         is_asking = not (self.is_over or self.is_complete)
         if press is not None and is_asking:
-            fault = (
-                f"Node {self.boards[press.board].node_id} {press.flaw}." if press.flaw else self._wrong(press)
-            )
-            lines += [fault, *self._ask()] if fault else self._take(press)
-        if lines or self._detector.is_pressed or self._asked_ns is None:
-            self._asked_ns = now_ns
-        elif now_ns - self._asked_ns > REMIND_NS and is_asking:
-            self._asked_ns = now_ns + 1_000_000_000 * REMIND_NS  # once
-            lines.append("No press was felt. Press harder, or type skip if the board there is dead.")
-            lines += self._ask()
+            flaw = f"Node {self.boards[press.board].node_id} {press.flaw}."
+            said = flaw if press.flaw else self.take(press)
+            lines += [said, self.ask()] if said else [self.ask()]
+        if lines or self._detector.is_pressed:
+            self._remind_ns = now_ns + REMIND_NS
+        elif now_ns > self._remind_ns and is_asking:
+            self._remind_ns = NEVER
+            lines += ["No press was felt. Press harder, or type skip if the board there is dead.", self.ask()]
         return lines
 
-    def _answer(self, word: str) -> Iterator[str]:
+    def _answer(self, word: str) -> list[str]:
         """Do what was typed."""
-        if word in ("quit", "q", "done"):
-            self.is_over, self.is_quit = True, word != "done"
-        elif word in ("undo", "u"):
-            yield from self._undo()
-        elif word in ("skip", "s"):
-            yield from self._skip()
-        elif word in ("list", "l"):
-            yield from self.summary()
-            yield from self._ask()
-        elif word:
-            yield f"{printable(word, limit=40)!r} is no answer here. {HELP}."
+        if word in ("quit", "done"):
+            self.is_over, self.is_quit = True, word == "quit"
+            return []
+        actions = {"undo": self.undo, "skip": self.skip, "list": self.summary}
+        no_answer = [f"{printable(word, limit=40)!r} is no answer here. {HELP}."] * bool(word)
+        return [*(actions[word]() if word in actions else no_answer), self.ask()]
 
     @abstractmethod
-    def summary(self) -> Iterator[str]:
-        """Return what there is."""
+    def greet(self) -> list[str]:
+        """Return what is said first."""
 
     @abstractmethod
-    def _open(self) -> Iterator[str]:
-        """Begin."""
+    def ask(self) -> str:
+        """Return what is asked for, or that nothing is left."""
 
     @abstractmethod
-    def _ask(self) -> Iterator[str]:
-        """Return what is asked for."""
+    def take(self, press: HandPress) -> str:
+        """Take a press that has no flaw; return what is said of it, first of all what is wrong with it."""
 
     @abstractmethod
-    def _undo(self) -> Iterator[str]:
+    def undo(self) -> list[str]:
         """Take back the last press."""
 
     @abstractmethod
-    def _skip(self) -> Iterator[str]:
+    def skip(self) -> list[str]:
         """Leave out the place that is asked for."""
 
     @abstractmethod
-    def _wrong(self, press: HandPress) -> str:
-        """Return what is wrong with a press; nothing if it is what was asked for."""
-
-    @abstractmethod
-    def _take(self, press: HandPress) -> Iterator[str]:
-        """Take a press that is what was asked for."""
+    def summary(self) -> list[str]:
+        """Return what there is."""

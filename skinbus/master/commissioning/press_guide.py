@@ -8,7 +8,7 @@ presses; begun again with them it asks for another round.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -58,11 +58,6 @@ class PressGuide(PressDialogue):
         """Presses that there are to be at the end."""
         return int(np.maximum(self._goal, self._counts()).sum())
 
-    def summary(self) -> Iterator[str]:
-        """Return what there is, board by board."""
-        for placed, n in zip(self.arm.patches, self._counts(), strict=True):
-            yield f"  node {placed.node_id}: {n} press{'' if n == 1 else 'es'}"
-
     def _counts(self) -> npt.NDArray[np.intp]:
         return np.bincount([press.patch for press in self.presses], minlength=self.arm.n_patches)
 
@@ -75,31 +70,27 @@ class PressGuide(PressDialogue):
 
     # the dialogue
 
-    def _open(self) -> Iterator[str]:
-        if self.presses:
-            n = len(self.presses)
-            yield f"{n} press{' is' if n == 1 else 'es are'} there from before."
-        yield f"Press for a second where the next line says, let go, and wait for the next line. {HELP}."
-        yield from self._next()
+    def greet(self) -> list[str]:
+        """Return what is said first."""
+        n, are = len(self.presses), " is" if len(self.presses) == 1 else "es are"
+        kept = [f"{n} press{are} there from before."] * bool(n)
+        return [
+            *kept,
+            f"Press for a second where the next line says, let go, and wait for the next line. {HELP}.",
+        ]
 
-    def _next(self) -> Iterator[str]:
-        """Go on to the next place, or end."""
+    def ask(self) -> str:
+        """Return the place that is asked for next; a board is finished before another one begins."""
         left = np.flatnonzero(self._counts() < self._goal)
         self.is_over = not len(left)
         if self.is_over:
-            yield f"{len(self.presses)} presses: that is enough."
-            return
-        # a board is finished before the next one begins
+            return f"{len(self.presses)} presses: that is enough."
         self._patch = self._patch if self._patch in left else int(left[0])
         self._uv = next_place(self.arm.patches[self._patch].patch, self._pressed(self._patch))
-        yield from self._ask()
-
-    def _ask(self) -> Iterator[str]:
-        placed, (u, v) = self.arm.patches[self._patch], 1e3 * self._uv
-        s, a = self._place()
-        yield (
-            f"[{len(self.presses) + 1}/{self.n_planned}] node {placed.node_id}: press at s {1e3 * s:.1f} mm, "
-            f"a {1e3 * a:.1f} mm (on the board u {u:+.1f} mm, v {v:+.1f} mm)."
+        (u, v), (s, a) = 1e3 * self._uv, self._place()
+        return (
+            f"[{len(self.presses) + 1}/{self.n_planned}] node {self.boards[self._patch].node_id}: press at "
+            f"s {1e3 * s:.1f} mm, a {1e3 * a:.1f} mm (on the board u {u:+.1f} mm, v {v:+.1f} mm)."
         )
 
     def _place(self) -> tuple[float, float]:
@@ -108,40 +99,39 @@ class PressGuide(PressDialogue):
         surface = self.arm.links[self.arm.patches[self._patch].link].surface
         return float(s[0]), float(surface.wrap(a[0]))
 
-    def _undo(self) -> Iterator[str]:
+    def undo(self) -> list[str]:
+        """Take back the last press."""
         if not self.presses:
-            yield "There is nothing to take back."
-        else:
-            last = self.presses.pop()
-            self._patch = last.patch
-            yield f"Taken back: node {self.arm.node_id[last.patch]}, s {1e3 * last.s:.1f} mm."
-        yield from self._next()
+            return ["There is nothing to take back."]
+        last = self.presses.pop()
+        self._patch = last.patch
+        return [f"Taken back: node {self.arm.node_id[last.patch]}, s {1e3 * last.s:.1f} mm."]
 
-    def _skip(self) -> Iterator[str]:
+    def skip(self) -> list[str]:
+        """Leave out the place that is asked for."""
         self._left_out.append((self._patch, self._uv))
-        yield from self._next()
+        return []
 
-    def _take(self, press: HandPress) -> Iterator[str]:
-        self.presses.append(self._made(press))
-        yield from self._next()
+    def summary(self) -> list[str]:
+        """Return what there is, board by board."""
+        counts = zip(self.boards, self._counts(), strict=True)
+        return [f"  node {board.node_id}: {n} press{'' if n == 1 else 'es'}" for board, n in counts]
 
-    def _made(self, press: HandPress) -> Press:
-        """Return a press as one at the place that is asked for."""
-        s, a = self._place()
-        here = self.arm.tactels_of(self._patch)
-        return Press(self._patch, s, a, self._force, press.readings[here], noise=press.noise[here])
-
-    def _wrong(self, press: HandPress) -> str:
-        node_id, asked = int(self.arm.node_id[press.board]), int(self.arm.node_id[self._patch])
+    def take(self, press: HandPress) -> str:
+        """Take a press as one at the place that is asked for, or return what is wrong with it."""
+        node_id, asked = self.boards[press.board].node_id, self.boards[self._patch].node_id
         if press.board != self._patch:
             return f"Node {node_id} was pressed in place of node {asked}."
+        (s, a), here = self._place(), self.arm.tactels_of(self._patch)
+        made = Press(self._patch, s, a, self._force, press.readings[here], noise=press.noise[here])
         patch = self.arm.patches[self._patch].patch
         uv = np.asarray(patch.tactels_uv)
-        ((table, _),) = tables_of(self.arm, [self._made(press)])
+        ((table, _),) = tables_of(self.arm, [made])
         (read,) = read_uv(table)
         off = float(np.hypot(*(np.clip(self._uv, uv.min(axis=0), uv.max(axis=0)) - read)))
-        if not off > STRAY * patch.pitch:
-            return ""
-        (s,), (a,) = self.arm.on_link(self._patch, read[None])
-        near = f"near s {1e3 * s:.0f} mm, a {1e3 * a:.0f} mm"
-        return f"Node {node_id} was pressed {1e3 * off:.0f} mm from there, {near}."
+        if off > STRAY * patch.pitch:
+            (s,), (a,) = self.arm.on_link(self._patch, read[None])
+            near = f"near s {1e3 * s:.0f} mm, a {1e3 * a:.0f} mm"
+            return f"Node {node_id} was pressed {1e3 * off:.0f} mm from there, {near}."
+        self.presses.append(made)
+        return ""

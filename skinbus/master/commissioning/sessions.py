@@ -1,4 +1,4 @@
-"""Sessions with nodes side by side: scripts that yield SDO transfers or LSS exchanges and get the replies.
+"""Sessions with nodes side by side: scripts that yield SDO transfers, or listen, and get what came.
 
 A script is a generator, so that it reads like the protocol it follows, while many of them run at once without
 threads.
@@ -11,16 +11,14 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from skinbus.can.core import NEVER
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.model import Arm, BusSettings
 from skinbus.node.context import NS_PER_MS
 from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS, SdoClient
 from skinbus.node.sdo_server import FRAME_LENGTH, HEAD
 from skinbus.objects import cia
-
-LSS_TIMEOUT_NS = 20_000_000
-"""What most LSS masters give a slave to answer; fastscan waits so long for every one bit."""
 
 INITIATE_ANSWERS = (2, 3)
 """Command specifiers of answers that name their object: to the request of an upload and of a download."""
@@ -32,10 +30,6 @@ the last would wait for longer than the time-out. So many fill a bus on which an
 FIRST_NS = 50_000_000
 """For so long the first requests to nodes go before all that follow; of 126 nodes they take 32 ms."""
 
-SETTLE_SHARE = 4
-"""After a first answer to an exchange others are awaited for this fraction of the time-out: they look the
-same, and one that comes late would be taken for the answer to the next request."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timeouts:
@@ -44,7 +38,6 @@ class Timeouts:
     sdo_ns: int = DEFAULT_TIMEOUT_NS
     store_ns: int = BusSettings().store_timeout_ms * NS_PER_MS
     """To a store or restore command (0x1010, 0x1011): flash is slow."""
-    lss_ns: int = LSS_TIMEOUT_NS
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,26 +64,17 @@ class Reply(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Exchange:
-    """Frames to send, and the answers to wait for: those that begin with ``first`` on ``can_id``.
-
-    With ``awaits_all`` the first answer is not the end: more may come. Without ``can_id`` it is a pause.
-    """
-
-    send: tuple[Frame, ...]
-    can_id: int | None = cia.LSS_SLAVE_ID
-    first: int = 0
-    timeout_factor: float = 1.0
-    awaits_all: bool = False
-
-
-@dataclass(frozen=True, slots=True)
 class Listen:
-    """Frames to send, and all that come for a time, or until one that ``until`` accepts: the last."""
+    """Frames to send, and all that come for a time, or until one that ``until`` accepts and what follows it.
+
+    ``settle_ns``: for so long after that one others are awaited; they look the same, and one that comes late
+    would be taken for the answer to the next request. With 0 it is the last.
+    """
 
     ns: int
     until: Callable[[Frame], bool] | None = None
     send: tuple[Frame, ...] = ()
+    settle_ns: int = 0
 
 
 def timeouts_of(arm: Arm) -> Timeouts:
@@ -105,9 +89,8 @@ def timeouts_of(arm: Arm) -> Timeouts:
 T = TypeVar("T")
 """What a script returns."""
 
-Script = Generator[Request | Exchange | Listen, Any, T]
-"""A script is sent the ``Reply`` to each request, the answers to each exchange (none in time: empty), and the
-frames that were listened to."""
+Script = Generator[Request | Listen, Any, T]
+"""A script is sent the ``Reply`` to each request, and the frames that were listened to."""
 
 
 class SdoTransfer:
@@ -137,33 +120,6 @@ class SdoTransfer:
         return None if result is None else Reply(result.data, int(result.abort or 0))
 
 
-class ExchangeUnderWay:
-    """An exchange whose answers are awaited."""
-
-    def __init__(self, exchange: Exchange, lss_ns: int) -> None:
-        self._exchange = exchange
-        self._timeout_ns = round(exchange.timeout_factor * lss_ns)
-        self._answers: list[bytes] = []
-        self.wake_ns = 0
-        self.reply: list[bytes] | None = None
-        """The answers, when all are there or time has run out."""
-
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
-        """Take frames; return those to send."""
-        exchange = self._exchange
-        if not self.wake_ns:
-            self.wake_ns = now_ns + self._timeout_ns
-            return list(exchange.send)
-        for frame in frames:
-            if frame.can_id == exchange.can_id and frame.data[:1] == bytes([exchange.first]):
-                if not self._answers and exchange.awaits_all:
-                    self.wake_ns = min(self.wake_ns, now_ns + self._timeout_ns // SETTLE_SHARE)
-                self._answers.append(frame.data)
-        if now_ns >= self.wake_ns or (self._answers and not exchange.awaits_all):
-            self.reply = self._answers
-        return []
-
-
 class ListenUnderWay:
     """Frames are collected."""
 
@@ -181,14 +137,15 @@ class ListenUnderWay:
         for frame in frames:
             self._received.append(frame._replace(t_ns=frame.t_ns or now_ns))
             if self._listen.until is not None and self._listen.until(frame):
-                self.wake_ns = now_ns
-                break
+                self.wake_ns = min(self.wake_ns, now_ns + self._listen.settle_ns)
+                if not self._listen.settle_ns:
+                    break
         if now_ns >= self.wake_ns:
             self.reply = self._received
         return []
 
 
-UnderWay = SdoTransfer | ExchangeUnderWay | ListenUnderWay
+UnderWay = SdoTransfer | ListenUnderWay
 
 
 @dataclass(slots=True)
@@ -312,12 +269,10 @@ class Sessions(Generic[T]):
         session.following = self._open(session.script.send(reply), session.node_id)
         return True
 
-    def _open(self, request: Request | Exchange | Listen, node_id: int) -> UnderWay:
+    def _open(self, request: Request | Listen, node_id: int) -> UnderWay:
         if isinstance(request, Request):
             return SdoTransfer(request, node_id, self._timeouts)
-        if isinstance(request, Listen):
-            return ListenUnderWay(request)
-        return ExchangeUnderWay(request, self._timeouts.lss_ns)
+        return ListenUnderWay(request)
 
 
 def _keys(frames: Sequence[Frame]) -> list[bytes]:
@@ -327,3 +282,24 @@ def _keys(frames: Sequence[Frame]) -> list[bytes]:
         for frame in frames
         if len(frame.data) == FRAME_LENGTH and frame.data[0] >> 5 in INITIATE_ANSWERS
     ]
+
+
+class ScriptCore(Core):
+    """A core that goes through one script, with one node or with all, and then asks its host to stop."""
+
+    cob_ids: frozenset[int] | None = None
+
+    def __init__(self, script: Script[None], node_id: int = 0, timeouts: Timeouts | None = None) -> None:
+        self._script, self._node_id = script, node_id
+        self._session: Sessions[None] = Sessions(timeouts)
+        self._has_begun = False
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
+        if self._has_begun:
+            out, _ = self._session.step(now_ns, {0: frames})
+        else:
+            self._has_begun = True
+            out = self._session.begin(now_ns, 0, self._node_id, self._script)
+        stop = () if self._session else [Event(t_ns=now_ns, kind=EventKind.STOP)]
+        return Step(out, stop, self._session.wake_ns)

@@ -19,9 +19,10 @@ from skinbus.master.commissioning.press_dialogue import Board
 from skinbus.master.commissioning.scan import Found
 from skinbus.master.cycle import CycleReport
 from skinbus.master.master import Master
-from skinbus.master.patches.provisioning import expected_node
+from skinbus.master.patches.provisioning import NUMBERS
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface
 from skinbus.objects.board import describe_patch
+from skinbus.objects.profile import number_at
 from skinbus.objects.published import usual
 
 Kind = tuple[int, ...]
@@ -33,6 +34,10 @@ GRID = 12
 """Boards in a row of the plane that stands for places not known: 12 x 11 for 126."""
 APART = 0.2
 """m: no board is near another."""
+
+
+N_KIND = 3
+"""Of the numbers of an identity, those that boards of a kind have in common: up to the product."""
 
 
 class BoardKind(NamedTuple):
@@ -49,8 +54,7 @@ def kinds_of(arm: Arm) -> list[BoardKind]:
     """Return the kind of every patch of an arm."""
     kinds = []
     for placed, od in zip(arm.patches, ods_of(arm), strict=True):
-        identity = expected_node(placed.node_id, od).identity
-        kind = (identity.device_type, identity.vendor, identity.product)
+        kind = tuple(number_at(od, index, sub) for _, index, sub in NUMBERS[:N_KIND])
         kinds.append(BoardKind(kind, describe_patch(od, placed.eds), placed.eds))
     return kinds
 
@@ -71,28 +75,23 @@ def unplaced(nodes: Iterable[Found], arm: Arm) -> Unplaced | None:
     patches: list[PlacedPatch] = []
     strangers: list[int] = []
     for node in sorted(nodes, key=lambda node: node.node_id):
-        numbers = node.numbers
-        own = next((kind for kind in kinds if _fits(kind.kind, numbers)), None)
+        numbers = [node.numbers.get(name) or 0 for name, _, _ in NUMBERS]
+        # a number that an EDS leaves zero fits any
+        own = next(
+            (own for own in kinds if all(w in (0, n) for w, n in zip(own.kind, numbers, strict=False))), None
+        )
         if own is None:
             strangers.append(node.node_id)
             continue
-        names = ("vendor", "product", "revision", "serial")
-        identity = tuple(numbers.get(name) or 0 for name in names)
-        patch = own.patch
-        boards.append(Board(node.node_id, own.kind, patch.tactels_uv, patch.threshold, identity))
+        uv, threshold = own.patch.tactels_uv, own.patch.threshold
+        boards.append(Board(node.node_id, own.kind, uv, threshold, tuple(numbers[1:])))
         row, column = divmod(len(patches), GRID)
         s, a = APART * (column + 1), APART * (row - 0.5 * GRID)
-        patches.append(PlacedPatch(patch=patch, node_id=node.node_id, link=0, s=s, a=a, eds=own.eds))
+        patches.append(PlacedPatch(patch=own.patch, node_id=node.node_id, link=0, s=s, a=a, eds=own.eds))
     if not boards:
         return None
     plane = Link("not placed", Surface.plane(APART * (GRID + 1), APART * (GRID + 1)))
     return Unplaced(boards, Arm(arm.name, [plane], patches, arm.bus), strangers)
-
-
-def _fits(kind: Kind, numbers: dict[str, int | None]) -> bool:
-    """Whether a node is of a kind; a number that an EDS leaves zero fits any."""
-    names = ("device_type", "vendor", "product")
-    return all(want in (0, numbers.get(name)) for want, name in zip(kind, names, strict=True))
 
 
 class QuietMaster(Master):
@@ -123,21 +122,15 @@ class QuietMaster(Master):
         self._on_pressures(report.t_ns, pressures)
 
 
-SERIAL = 3
-"""Of the numbers of an identity."""
-
-
 def places_of(arm: Arm, mountings: Sequence[Mounting]) -> list[Place]:
     """Return the places of the patches of an arm with one bus, and of their tables in its file."""
     places = []
     for placed, mounting, kind in zip(arm.patches, mountings, kinds_of(arm), strict=True):
         link = arm.links[placed.link]
-        where = f"{link.name}, s {1e3 * placed.s:.0f} mm"
+        around, at = "larger a", f"a {1e3 * placed.a:.0f} mm"
         if link.surface.period:
-            where += f", angle {math.degrees(placed.a / link.surface.radius):.0f} deg"
-        else:
-            where += f", a {1e3 * placed.a:.0f} mm"
-        around = "larger angle" if link.surface.period else "larger a"
+            around, at = "larger angle", f"angle {math.degrees(placed.a / link.surface.radius):.0f} deg"
+        where = f"{link.name}, s {1e3 * placed.s:.0f} mm, {at}"
         places.append(Place(mounting.key, where, kind.kind, placed.patch.size, placed.yaw, around))
     return places
 
@@ -150,27 +143,19 @@ def changes_of(mountings: Sequence[Mounting], found: Mapping[str, Identified]) -
     """
     changes: dict[str, dict[str, Any]] = {}
     taken = {own.node_id for own in found.values()}
-    left = [m.node_id for m in mountings if m.node_id not in taken]
-    kept = {m.node_id for m in mountings if m.key not in found} - taken
-    spare = [node_id for node_id in left if node_id not in kept]
+    lost = [mounting for mounting in mountings if mounting.key not in found]
+    spare = {mounting.node_id for mounting in mountings} - taken - {mounting.node_id for mounting in lost}
     for mounting in mountings:
-        own = found.get(mounting.key)
-        change: dict[str, Any] = {}
-        if own is None:
-            if mounting.node_id in taken and spare:
-                change["node_id"] = spare.pop(0)
-        else:
-            change = _change(mounting, own)
-            eds = _eds_of(own, mountings)
-            if eds and eds != mounting.eds:
-                change["eds"] = eds
-        if change:
-            changes[mounting.key] = change
-    return changes
+        if own := found.get(mounting.key):
+            changes[mounting.key] = _change(mounting, own, mountings)
+        elif mounting.node_id in taken and spare:
+            changes[mounting.key] = {"node_id": min(spare)}
+            spare.remove(min(spare))
+    return {key: change for key, change in changes.items() if change}
 
 
-def _change(mounting: Mounting, own: Identified) -> dict[str, Any]:
-    serial = own.identity[SERIAL]
+def _change(mounting: Mounting, own: Identified, mountings: Sequence[Mounting]) -> dict[str, Any]:
+    serial = own.identity[-1]
     change: dict[str, Any] = {}
     if own.node_id != mounting.node_id:
         change["node_id"] = own.node_id
@@ -179,14 +164,9 @@ def _change(mounting: Mounting, own: Identified) -> dict[str, Any]:
     if abs(math.remainder(own.yaw - mounting.yaw, math.tau)) > 1e-6:
         change["yaw_deg"] = round(math.degrees(own.yaw), 3)
     if own.mirrored != mounting.is_mirrored:
-        change["mirrored"] = True if own.mirrored else None
+        change["mirrored"] = own.mirrored or None
+    known = [m.eds for m in mountings if serial and m.serial == serial]
+    known += [m.eds for m in mountings if m.node_id == own.node_id and m.serial == 0]
+    if known and known[0] and known[0] != mounting.eds:
+        change["eds"] = known[0]
     return change
-
-
-def _eds_of(own: Identified, mountings: Sequence[Mounting]) -> str | None:
-    """Return the file that describes a board, if the arm file names one for it."""
-    serial = own.identity[SERIAL]
-    for mounting in mountings:
-        if serial and mounting.serial == serial:
-            return mounting.eds
-    return next((m.eds for m in mountings if m.node_id == own.node_id and m.serial == 0), None)

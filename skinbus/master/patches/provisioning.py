@@ -18,7 +18,7 @@ from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.master.commissioning.sessions import (
-    Exchange,
+    Listen,
     Reply,
     Request,
     Script,
@@ -111,8 +111,8 @@ ANY = range(1 << 32)
 EXPEDITED_4 = 0x43
 """First byte of the answer to an upload of four bytes."""
 
-BOARDS_FACTOR = 15.0
-"""An answer is awaited for 0.3 s, another for a quarter of that: a board takes up to 50 ms for one."""
+BOARDS_NS = 300_000_000
+"""For so long an answer is awaited, and a quarter of that for another: a board takes up to 50 ms for one."""
 
 ROUNDS = 2
 """Times a configuration is downloaded, or what is then found to differ: the second is the last."""
@@ -294,10 +294,12 @@ def ask_boards(node_id: int) -> Script[Answering]:
     """Return the boards that answer under a node-ID: one request, and all answers to it."""
     head = HEAD.pack(ASK_UPLOAD, cia.IDENTITY, cia.IDENTITY_SERIAL)
     request = Frame(cia.SDO_CLIENT_BASE + node_id, head + bytes(4))
-    answers: list[bytes] = yield Exchange(
-        (request,), cia.SDO_SERVER_BASE + node_id, EXPEDITED_4, timeout_factor=BOARDS_FACTOR, awaits_all=True
-    )
-    numbers = [int.from_bytes(data[4:8], "little") for data in answers if data[1:4] == head[1:]]
+
+    def is_answer(frame: Frame) -> bool:
+        return frame.data[:4] == bytes([EXPEDITED_4]) + head[1:]
+
+    answers: list[Frame] = yield Listen(BOARDS_NS, is_answer, (request,), BOARDS_NS // 4)
+    numbers = [int.from_bytes(frame.data[4:8], "little") for frame in answers if is_answer(frame)]
     return Answering(tuple(sorted(numbers)))
 
 

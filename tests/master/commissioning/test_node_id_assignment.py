@@ -93,21 +93,32 @@ def refuses(device):
     return Locked()
 
 
-@pytest.mark.parametrize("locked", [11, 12, 13])
-def test_who_would_get_the_node_id_of_a_node_that_does_not_move_keeps_the_own(locked):
-    """Nodes 1, 2, 3 are to be 2, 3, 1."""
+@pytest.mark.parametrize(
+    ("wanted", "locked", "after", "said"),
+    [
+        ((2, 3, 4), 13, [1, 2, 3], "taken by another node"),  # who would get the node-ID of 13 keeps the own
+        ((2, 3, 1), 11, [1, 2, 3], "taken by another node"),
+        ((2, 3, 1), 12, [2, 2, 1], "two nodes have node-ID 2 now"),
+    ],
+)
+def test_a_node_that_does_not_move_stops_those_behind_it_or_is_named(wanted, locked, after, said):
     storages = {serial: MemoryStorage() for serial in (11, 12, 13)}
     devices = {serial: patch(serial - 10, storage=storages[serial], serial=serial) for serial in storages}
-    known = [Known(address(serial), node_id) for serial, node_id in ((11, 2), (12, 3), (13, 1))]
+    known = [Known(address(serial), node_id) for serial, node_id in zip(devices, wanted, strict=True)]
     core = Assigner(known=known, free=range(1, 10))
     fresh = patch(UNCONFIGURED, serial=5)
     Bench(*(refuses(d) if serial == locked else d for serial, d in devices.items()), fresh).run(core)
-    assert [device.node_id for device in devices.values()] == [1, 2, 3]
-    assert [r.outcome for r in core.results] == [*[Assigned.REFUSED] * 3, Assigned.ASSIGNED]
-    assert fresh.node_id == 4
-    for serial, storage in storages.items():  # and after the power has been off
+    assert [device.node_id for device in devices.values()] == after
+    for result in core.results:
+        device = devices.get(result.address.serial, fresh)
+        assert (result.outcome is Assigned.ASSIGNED) == (device.node_id == result.node_id)
+    assert said in " ".join(result.reason for result in core.results)
+    assert fresh.node_id not in {*after, *wanted}
+    for (serial, storage), node_id in zip(
+        storages.items(), after, strict=True
+    ):  # and with the power off and on
         od = load_eds("skin-patch", serial - 10, serial=serial)
-        assert Device(od, serial - 10, storage=storage).node_id == serial - 10
+        assert Device(od, serial - 10, storage=storage).node_id == node_id
 
 
 def test_node_that_was_left_operational_is_reached():

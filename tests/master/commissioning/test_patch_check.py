@@ -51,7 +51,7 @@ def check(board, eds="skin-patch", wire=None, rules=RULES, n_syncs=50, ask=None)
     wire.attach(core)
     wire.run(wire.now_ns + LIMIT_NS)
     assert [result.rule for result in core.results] == list(rules)
-    return {result.rule.name: result.finding for result in core.results}
+    return {result.rule.name: result for result in core.results}
 
 
 def fails(findings):
@@ -74,7 +74,7 @@ def test_stored_parameters_are_kept_unless_their_loss_is_accepted():
     wire.attach(core)
     wire.run(LIMIT_NS)
     assert core.passed
-    assert [r.rule.name for r in core.results if r.finding.grade is Grade.SKIPPED] == ["pressed", "storage"]
+    assert [r.rule.name for r in core.results if r.grade is Grade.SKIPPED] == ["pressed", "storage"]
     # and what the rules have changed is gone: the board was reset last
     assert board.get(0x1017) == 500
     assert board.get(0x1020, 1) == 0
