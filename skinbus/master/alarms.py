@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +14,7 @@ from skinbus.can.event import Event, EventKind
 from skinbus.estimate import Plausibility, TactelFault
 from skinbus.model import Arm
 from skinbus.node.device import Device
-from skinbus.objects.cia import MAX_NODE_ID, SYNC_ID, EmcyCode
+from skinbus.objects.cia import MAX_NODE_ID, EmcyCode
 from skinbus.objects.profile import PATCH_FAULTY, PATCH_FAULTY_COUNT
 
 RAISED_BY = {
@@ -27,75 +26,8 @@ RAISED_BY = {
     EventKind.PATCH_REFUSED: EmcyCode.SOFTWARE_DATA_SET,
     EventKind.PATCH_DOUBLED: EmcyCode.COB_ID_COLLISION,
     EventKind.PATCH_EMCY: EmcyCode.HARDWARE,
-}
-"""Codes of CiA 301, table 26. A wrong device is a wrong data set: its configuration cannot be used."""
-
-_BY_BOOT = (
-    EmcyCode.HEARTBEAT,
-    EmcyCode.RPDO_TIMEOUT,
-    EmcyCode.SOFTWARE_DATA_SET,
-    EmcyCode.COB_ID_COLLISION,
-)
-
-CLEARED_BY = {
-    EventKind.PATCH_STARTED: _BY_BOOT,
-    EventKind.PATCH_BACK: (EmcyCode.HEARTBEAT, EmcyCode.RPDO_TIMEOUT),
-    EventKind.PDO_LENGTH_END: (EmcyCode.PDO_LENGTH,),
-    EventKind.PATCH_EMCY_CLEARED: (EmcyCode.HARDWARE,),
-}
-"""A patch that was started has booted anew; its own errors are read from it, and end when it reports so."""
-
-
-BURST = 4
-"""EMCY of one cause that are sent at once: raised, cleared, raised and cleared."""
-
-PAUSE_NS = 1_000_000_000
-"""After these one in so long a time: a cause that comes and goes is reported, and does not fill the bus."""
-
-
-class PatchAlarms:
-    """EMCY for events of patches, limited by cause; byte 0 of the data is the patch's node-ID."""
-
-    def __init__(self, device: Device) -> None:
-        self._device = device
-        self._full_at: dict[tuple[EmcyCode, int], int] = {}
-        """By cause the time at which a whole burst may be sent again (ns)."""
-        self._waiting: dict[tuple[EmcyCode, int], bool] = {}
-        """Causes whose last change is not published yet, and whether they are present."""
-
-    @property
-    def wake_ns(self) -> int:
-        """Time at which the next EMCY that waits may be sent (ns)."""
-        return min((self._next_ns(cause) for cause in self._waiting), default=NEVER)
-
-    def clear(self) -> None:
-        """Drop what waits, as when the node is reset."""
-        self._waiting.clear()
-
-    def step(self, now_ns: int, events: Iterable[Event]) -> None:
-        """Raise and clear what events of patches call for, as far as the limit allows."""
-        for event in events:
-            if (code := RAISED_BY.get(event.kind)) is not None:
-                self._waiting[code, event.node_id] = True
-                self._send(now_ns)
-            for code in CLEARED_BY.get(event.kind, ()):
-                self._waiting[code, event.node_id] = False
-                self._send(now_ns)
-        if self._waiting:
-            self._send(now_ns)
-
-    def _next_ns(self, cause: tuple[EmcyCode, int]) -> int:
-        return self._full_at.get(cause, 0) - (BURST - 1) * PAUSE_NS
-
-    def _send(self, now_ns: int) -> None:
-        for cause in [cause for cause in self._waiting if self._next_ns(cause) <= now_ns]:
-            code, data = cause[0], bytes([cause[1]])
-            is_present = self._waiting.pop(cause)
-            if self._device.emcy(code, data=data) if is_present else self._device.emcy_clear(code, data):
-                self._full_at[cause] = max(self._full_at.get(cause, 0), now_ns) + PAUSE_NS
-
-
-BUS_RAISES = {
+    EventKind.OTHER_MASTER: EmcyCode.COMMUNICATION,
+    EventKind.BABBLING: EmcyCode.COMMUNICATION,
     EventKind.ERROR_PASSIVE: EmcyCode.CAN_PASSIVE,
     EventKind.FRAMES_DROPPED: EmcyCode.CAN_OVERRUN,
     EventKind.CONTROLLER_OVERFLOW: EmcyCode.CAN_OVERRUN,
@@ -103,68 +35,106 @@ BUS_RAISES = {
     EventKind.BUS_OFF_END: EmcyCode.BUS_OFF_RECOVERED,
     EventKind.BUS_BACK: EmcyCode.BUS_OFF_RECOVERED,
 }
-"""Codes of CiA 301, table 26. On a bus that is lost nothing can be sent: its recovery is reported."""
+"""Codes of CiA 301, table 26. A wrong device is a wrong data set: its configuration cannot be used. On a bus
+that is lost nothing can be sent: its recovery is reported."""
 
-BUS_CLEARS = {
-    EventKind.ERROR_PASSIVE_END: EmcyCode.CAN_PASSIVE,
-    EventKind.BUS_LOST: EmcyCode.CAN_PASSIVE,  # the counters begin anew with the interface
+CLEARED_BY = {
+    EventKind.PATCH_STARTED: (
+        *(EmcyCode.HEARTBEAT, EmcyCode.RPDO_TIMEOUT),
+        *(EmcyCode.SOFTWARE_DATA_SET, EmcyCode.COB_ID_COLLISION),
+    ),
+    EventKind.PATCH_BACK: (EmcyCode.HEARTBEAT, EmcyCode.RPDO_TIMEOUT),
+    EventKind.PDO_LENGTH_END: (EmcyCode.PDO_LENGTH,),
+    EventKind.PATCH_EMCY_CLEARED: (EmcyCode.HARDWARE,),
+    EventKind.OTHER_MASTER_END: (EmcyCode.COMMUNICATION,),
+    EventKind.ERROR_PASSIVE_END: (EmcyCode.CAN_PASSIVE,),
+    EventKind.BUS_LOST: (EmcyCode.CAN_PASSIVE,),  # the counters begin anew with the interface
 }
+"""A patch that was started has booted anew; its own errors are read from it, and end when it reports so."""
+
+PASSING = (EmcyCode.CAN_OVERRUN, EmcyCode.BUS_OFF_RECOVERED)
+"""What is over in itself: it is cleared by a cycle in which all readings came."""
 
 BABBLER = struct.Struct("<IB")
 """Data of the EMCY for a babbling node: identifier, and hundreds of frames a second."""
 
+BURST = 4
+"""EMCY of one cause that are sent at once: raised, cleared, raised and cleared."""
 
-SYNC_DATA = SYNC_ID.to_bytes(4, "little")
+PAUSE_NS = 1_000_000_000
+"""After these one in so long a time: a cause that comes and goes is reported, and does not fill the bus."""
 
-
-def report_other_bus(event: Event, device: Device) -> None:
-    """Raise and clear the EMCY for a bus that the device is not on; its number, from 1, is in the data."""
-    data = bytes([0, event.bus + 1])
-    if event.kind in (EventKind.BUS_LOST, EventKind.BUS_OFF):
-        device.emcy(EmcyCode.COMMUNICATION, data=data)
-    elif event.kind in (EventKind.BUS_BACK, EventKind.BUS_OFF_END):
-        device.emcy_clear(EmcyCode.COMMUNICATION, data=data)
+Cause = tuple[EmcyCode, bytes]
+"""Code and data of an EMCY."""
 
 
-class BusAlarms:
-    """EMCY for faults of the bus; what is over in itself is cleared by a cycle in which all readings came."""
+class Alarms:
+    """EMCY of one node of the master, limited by cause.
+
+    Data are the node-ID of a patch, the identifier of frames, or 0 for the bus itself.
+    """
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._passing: set[EmcyCode] = set()
-        self._babblers: dict[int, bytes] = {}
+        self._present: set[Cause] = set()
+        self._full_at: dict[Cause, int] = {}
+        """By cause the time at which a whole burst may be sent again (ns)."""
+        self._waiting: dict[Cause, bool] = {}
+        """Causes whose last change is not published yet, and whether they are present."""
 
-    def take(self, event: Event) -> None:
-        """Raise or clear what an event calls for."""
-        kind = event.kind
-        if (code := BUS_RAISES.get(kind)) is not None:
-            self._device.emcy(code)
-            if code is not EmcyCode.CAN_PASSIVE:
-                self._passing.add(code)
-        if (code := BUS_CLEARS.get(kind)) is not None:
-            self._device.emcy_clear(code)
-        if kind is EventKind.BABBLING:
-            self._babblers[event.cob_id] = BABBLER.pack(event.cob_id, min(event.count // 100, 0xFF))
-            self._device.emcy(EmcyCode.COMMUNICATION, data=self._babblers[event.cob_id])
-        elif kind is EventKind.BABBLING_END and event.cob_id in self._babblers:
-            self._device.emcy_clear(EmcyCode.COMMUNICATION, data=self._babblers.pop(event.cob_id))
-        elif kind is EventKind.BUS_LOST:
-            for data in self._babblers.values():
-                self._device.emcy_clear(EmcyCode.COMMUNICATION, data=data)
-            self._babblers.clear()
+    @property
+    def wake_ns(self) -> int:
+        """Time at which the next EMCY that waits may be sent (ns)."""
+        return min(map(self._next_ns, self._waiting), default=NEVER)
 
-    def other_master(self, events: Iterable[Event], *, is_present: bool) -> None:
-        """Raise 0x8100 with the COB-ID of SYNC while another master is there; again after a reset."""
-        if is_present:
-            self._device.emcy(EmcyCode.COMMUNICATION, data=SYNC_DATA)
-        elif any(event.kind == EventKind.OTHER_MASTER_END for event in events):
-            self._device.emcy_clear(EmcyCode.COMMUNICATION, data=SYNC_DATA)
+    def reset(self) -> None:
+        """Forget what was reported: the node was reset."""
+        self._waiting.clear()
+        self._present.clear()
 
-    def all_came(self) -> None:
+    def step(self, now_ns: int, events: Iterable[Event]) -> None:
+        """Raise and clear what events call for, as far as the limit allows."""
+        for event in events:
+            data = bytes([event.node_id]) if event.node_id else event.cob_id.to_bytes(4, "little")
+            if event.kind is EventKind.BABBLING:
+                data = BABBLER.pack(event.cob_id, min(event.count // 100, 0xFF))
+            if (code := RAISED_BY.get(event.kind)) is not None:
+                self._change(now_ns, [(code, data)], is_present=True)
+            gone = [(code, data) for code in CLEARED_BY.get(event.kind, ())]
+            if event.kind in (EventKind.BABBLING_END, EventKind.BUS_LOST):
+                begin = data if event.cob_id else b""
+                gone += [c for c in self._present if len(c[1]) == BABBLER.size and c[1].startswith(begin)]
+            self._change(now_ns, gone, is_present=False)
+        if self._waiting:
+            self._send(now_ns)
+
+    def other_bus(self, now_ns: int, event: Event) -> None:
+        """Take an event of a bus that the device is not on; its number, from 1, is in the data."""
+        cause = EmcyCode.COMMUNICATION, bytes([0, event.bus + 1])
+        if event.kind in (EventKind.BUS_LOST, EventKind.BUS_OFF):
+            self._change(now_ns, [cause], is_present=True)
+        elif event.kind in (EventKind.BUS_BACK, EventKind.BUS_OFF_END):
+            self._change(now_ns, [cause], is_present=False)
+
+    def all_came(self, now_ns: int) -> None:
         """Clear the faults that a cycle with all readings proves to be over."""
-        for code in self._passing:
-            self._device.emcy_clear(code)
-        self._passing.clear()
+        if self._present:
+            self._change(now_ns, [c for c in self._present if c[0] in PASSING], is_present=False)
+
+    def _change(self, now_ns: int, causes: list[Cause], *, is_present: bool) -> None:
+        for cause in causes:
+            self._waiting[cause] = is_present
+            self._send(now_ns)
+
+    def _next_ns(self, cause: Cause) -> int:
+        return self._full_at.get(cause, 0) - (BURST - 1) * PAUSE_NS
+
+    def _send(self, now_ns: int) -> None:
+        for cause in [cause for cause in self._waiting if self._next_ns(cause) <= now_ns]:
+            is_present, device = self._waiting.pop(cause), self._device
+            if device.emcy(cause[0], data=cause[1]) if is_present else device.emcy_clear(*cause):
+                self._full_at[cause] = max(self._full_at.get(cause, 0), now_ns) + PAUSE_NS
+                self._present ^= {cause}
 
 
 LEAST_NS = 1_000_000_000
@@ -174,6 +144,9 @@ REPEATS = 5
 """Cycles in which a patch has repeated its readings, before it is reported: less may be a passing fault."""
 REPEATS_NS = 5_000_000_000
 """They come within so long of each other, and it is over after so long without one."""
+
+NAMED = 8
+"""Tactels that an event names at most."""
 
 
 class PlausibilityReport:
@@ -187,37 +160,35 @@ class PlausibilityReport:
     ) -> None:
         self._device = device
         self._plausibility = plausibility
-        self._patches = arm.patches_on(bus)
-        self._node_ids = arm.node_id[self._patches].tolist()
-        self._tactels = [arm.tactels_of(p) for p in range(arm.n_patches)][self._patches]
+        self._patches = own = arm.patches_on(bus)
+        self._node_ids = arm.node_id[own]
+        self._tactels = [arm.tactels_of(p) for p in range(arm.n_patches)][own]
         self._map, self._count = (
             device.image_view(od[name.object].index, 1, MAX_NODE_ID)
             for name in (PATCH_FAULTY, PATCH_FAULTY_COUNT)
         )
         self._reported = np.zeros(arm.n_tactels, np.uint8)
         self._data: dict[int, bytes] = {}
-        self._next_ns = [0] * len(self._node_ids)
-        # by patch: how many cycles with repeated readings, and the time of the newest
-        self._n_repeats, self._repeated_ns = np.zeros((2, len(self._node_ids)), np.int64)
+        # by patch: when it may be reported again, cycles with repeated readings, time of the newest
+        self._next_ns, self._n_repeats, self._repeated_ns = np.zeros((3, len(self._node_ids)), np.int64)
 
     def show(self, now_ns: int) -> list[Event]:
         """Write the objects, raise and clear EMCYs; return the events."""
-        events = self._note_repetitions(now_ns)
+        events = self._repetitions(now_ns)
         n_faulty = self._plausibility.n_faulty[self._patches]
         if not (n_faulty.any() or self._reported.any()):
             return events
-        for p, node_id in enumerate(self._node_ids):
-            faults = self._plausibility.faults[self._tactels[p]]
-            self._count[node_id - 1] = n_faulty[p]
+        self._count[self._node_ids - 1] = n_faulty
+        for p, (node_id, here) in enumerate(zip(self._node_ids.tolist(), self._tactels, strict=True)):
+            faults = self._plausibility.faults[here]
             self._map[node_id - 1] = sum(1 << k for k in np.flatnonzero(faults).tolist())
-            is_new = not np.array_equal(faults, self._reported[self._tactels[p]])
-            if is_new and now_ns >= self._next_ns[p]:
-                self._reported[self._tactels[p]] = faults
+            if now_ns >= self._next_ns[p] and not np.array_equal(faults, self._reported[here]):
+                self._reported[here] = faults
                 self._next_ns[p] = now_ns + LEAST_NS
                 events.append(self._report(now_ns, node_id, faults))
         return events
 
-    def _report(self, now_ns: int, node_id: int, faults: npt.NDArray[Any]) -> Event:
+    def _report(self, now_ns: int, node_id: int, faults: npt.NDArray[np.uint8]) -> Event:
         """Replace the EMCY of a patch; return the event."""
         if node_id in self._data:
             self._device.emcy_clear(EmcyCode.DEVICE_SPECIFIC, data=self._data.pop(node_id))
@@ -226,25 +197,26 @@ class PlausibilityReport:
             return Event(t_ns=now_ns, kind=EventKind.TACTELS_IMPLAUSIBLE_END, node_id=node_id)
         self._data[node_id] = bytes([node_id, bits[0] + 1, faults[bits[0]], len(bits)])
         self._device.emcy(EmcyCode.DEVICE_SPECIFIC, data=self._data[node_id])
-        names = [f"{k + 1} {TactelFault(int(faults[k])).name}".lower() for k in bits[:8]]
-        return Event(
-            t_ns=now_ns,
-            kind=EventKind.TACTELS_IMPLAUSIBLE,
-            node_id=node_id,
-            count=len(bits),
-            detail=", ".join([*names, "..."] if len(bits) > 8 else names),
-        )
+        names = [f"{k + 1} {TactelFault(int(faults[k])).name}".lower() for k in bits[:NAMED]]
+        detail = ", ".join(names + ["..."] * (len(bits) > NAMED))
+        kind = EventKind.TACTELS_IMPLAUSIBLE
+        return Event(t_ns=now_ns, kind=kind, node_id=node_id, count=len(bits), detail=detail)
 
-    def _note_repetitions(self, now_ns: int) -> list[Event]:
+    def _repetitions(self, now_ns: int) -> list[Event]:
         """Return the events of patches that have begun to repeat readings, or have ceased to."""
-        found = self._plausibility.is_repeated[self._patches]
-        n = self._n_repeats
+        found, n = self._plausibility.is_repeated[self._patches], self._n_repeats
         if not (found.any() or n.any()):
             return []
         n += found
         self._repeated_ns[found] = now_ns
-        is_over = (n > 0) & (now_ns - self._repeated_ns > REPEATS_NS)
-        kind, begun, ended = EventKind.READINGS_REPEATED, found & (n == REPEATS), is_over & (n >= REPEATS)
+        is_over = now_ns - self._repeated_ns > REPEATS_NS
+        news = {
+            EventKind.READINGS_REPEATED: found & (n == REPEATS),
+            EventKind.READINGS_REPEATED_END: is_over & (n >= REPEATS),
+        }
         n[is_over] = 0
-        news = [(k, p) for k, those in ((kind, begun), (kind.end, ended)) for p in np.flatnonzero(those)]
-        return [Event(t_ns=now_ns, kind=k, node_id=self._node_ids[p]) for k, p in news]
+        return [
+            Event(t_ns=now_ns, kind=kind, node_id=node_id)
+            for kind, those in news.items()
+            for node_id in self._node_ids[those].tolist()
+        ]

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.estimate import Baseline, Plausibility
-from skinbus.master.alarms import BusAlarms, PatchAlarms, PlausibilityReport, report_other_bus
+from skinbus.master.alarms import Alarms, PlausibilityReport
 from skinbus.master.commissioning.sessions import timeouts_of
 from skinbus.master.gather import Gather
 from skinbus.master.network import Commands, Network
@@ -63,8 +63,7 @@ class BusMaster:
         self.network = Network(self.device, plans, taken, self.supervisor)
         self.commands = Commands(arm, number, od, self.device, baseline)
         self.tactels = PlausibilityReport(arm, number, od, self.device, plausibility)
-        self.alarms = BusAlarms(self.device)
-        self.patch_alarms = PatchAlarms(self.device)
+        self.alarms = Alarms(self.device)
         self.other_master = None if follows else OtherMaster()
         self.is_lost = False
         """Whether nothing on the bus can be received."""
@@ -117,9 +116,9 @@ class BusMaster:
             self._boot(now_ns)
         elif self._is_stopped:
             self.device.command(cia.NmtCommand.START)
-        news = self.other_master.step(now_ns, frames) if self.other_master else []
-        self.alarms.other_master(news, is_present=self.has_other_master)
-        self.events += news
+        if has_booted and self.other_master:  # it is said again after a reset
+            self.other_master.is_present = False
+        self.events += self.other_master.step(now_ns, frames) if self.other_master else []
         self._take(self.supervisor.step(now_ns, frames))
         return has_booted
 
@@ -132,7 +131,7 @@ class BusMaster:
         """
         owing = gather.owing[self.patches]
         if owing.any() and fresh[owing].all():
-            self.alarms.all_came()
+            self.alarms.all_came(now_ns)
         if self.has_other_master:
             owing = owing & (fresh | ~gather.has_sent[self.patches])
         self.events += self.supervisor.readings(now_ns, owing, fresh, gather.bad_length[self.patches])
@@ -147,7 +146,7 @@ class BusMaster:
 
     def answer(self, now_ns: int, frames: Sequence[Frame], sync: Frame | None) -> None:
         """Publish events as EMCY and let the node answer frames; ``sync`` is one that it passes on."""
-        self.patch_alarms.step(now_ns, self.events)
+        self.alarms.step(now_ns, self.events)
         if sync is not None:
             self.out.append(sync)
             frames = [*frames, sync]
@@ -155,7 +154,7 @@ class BusMaster:
         self.network.command_own()
         self.out += step.frames
         self.events += [*step.events, *self.commands.events(now_ns)]
-        wake_ns = min(self.supervisor.wake_ns, step.wake_ns, self.patch_alarms.wake_ns)
+        wake_ns = min(self.supervisor.wake_ns, step.wake_ns, self.alarms.wake_ns)
         self.wake_ns = now_ns if self.boots or self._is_stopped else max(wake_ns, now_ns)
 
     def taken(self) -> tuple[list[Frame], list[Event]]:
@@ -180,12 +179,12 @@ class BusMaster:
             self.supervisor.bus_is_back(now_ns)
         elif event.kind is EventKind.SEND_QUEUE_FULL_END and not self.is_lost:
             self.supervisor.bus_is_back(now_ns)  # nothing could be asked, no SYNC came
-        self.alarms.take(event)
+        self.alarms.step(now_ns, [event])
         self.wake_ns = 0
 
-    def other_bus_news(self, event: Event) -> None:
+    def other_bus_news(self, now_ns: int, event: Event) -> None:
         """Report a fault of another bus of the arm."""
-        report_other_bus(event, self.device)
+        self.alarms.other_bus(now_ns, event)
         self.wake_ns = 0
 
     def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
@@ -204,7 +203,7 @@ class BusMaster:
         self.device.set(cia.SYNC_PERIOD, 0, self._period_us)
         self.out += self.device.step(now_ns).frames
         self.network.describe()
-        self.patch_alarms.clear()
+        self.alarms.reset()
         self.boots = False  # not before: the boot itself passes through INITIALISING
         self.device.command(cia.NmtCommand.START)
         self.out += self.supervisor.start(now_ns, is_first=self._is_first)

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from skinbus.estimate import TactelFault
 from skinbus.master.cycle import Cycle, CycleReport
-from skinbus.master.memory import digits_of, fingerprint, names_of, numbers_in, table_in
+from skinbus.master.memory import MAX_NUMBER, digits_of, fingerprint, names_of, numbers_in, table_in
 from skinbus.model import Arm
 
 Floats = npt.NDArray[np.float64]
@@ -30,6 +30,7 @@ NAMES = (
     *("noise", "noise_first", "zero", "zero_first"),  # NaN until they are known
     *("samples", "touches", "faults"),  # how often it was sampled and touched, and became implausible
     "seen",  # bits of ``TactelFault`` that it ever had
+    "serial",  # number of its board, 0 for not known
 )
 """Columns of a tactel."""
 DTYPE = np.dtype([(name, np.float64) for name in NAMES])
@@ -42,9 +43,6 @@ DIGITS = 6
 
 NOISY = 3.0
 """Times its first noise, and the noise of its file: three times noisier is a fault of the tactel."""
-SCALED = 1.6
-"""Factor common to the noise of a board from which its readings may be scaled: references err by a tenth."""
-SIGMAS = 4.0
 FAULTY_SHARE = 0.15
 """Part of a board's tactels with findings from which the board is to be replaced: 3 of 16."""
 OFTEN = 10
@@ -73,11 +71,13 @@ class Health:
 
     def observe(self, report: CycleReport) -> None:
         """Take a cycle."""
-        w, serials = self.records, self._cycle.serials
-        for p in np.flatnonzero((serials != self._serials) & (serials != 0)).tolist():
-            if self._serials[p]:
-                w[self._arm.tactels_of(p)] = new_records(self._arm.patches[p].patch.n_tactels)
-            self._serials[p] = serials[p]
+        w = self.records
+        if (self._cycle.serials != self._serials).any():
+            self._serials = self._cycle.serials.copy()
+            serial = self._serials[self._arm.tactel_patch]
+            is_new = (serial != 0) & (serial != w["serial"])
+            w[is_new & (w["serial"] != 0)] = new_records(1)
+            w["serial"][is_new] = serial[is_new]
         touched = self._cycle.baseline.felt.touched != 0
         w["touches"] += touched & ~self._touched
         self._touched = touched
@@ -113,7 +113,7 @@ class Health:
         for p, name in enumerate(names_of(arm)):
             own = records[arm.tactels_of(p)]
             columns = {key: digits_of(own[key], DIGITS) for key in NAMES}
-            patches[name] = {"board": fingerprint(arm, p), "serial": int(self._serials[p]), **columns}
+            patches[name] = {"board": fingerprint(arm, p), **columns}
         return {"arm": arm.name, "health": patches}
 
     def resume(self, tables: dict[str, Any]) -> int:
@@ -122,8 +122,6 @@ class Health:
         for p, own in enumerate(found):
             if own is not None:
                 self.records[self._arm.tactels_of(p)] = own
-                serial = table_in(table_in(tables["health"])[names_of(self._arm)[p]]).get("serial")
-                self._serials[p] = serial if isinstance(serial, int) and 0 <= serial < 1 << 32 else 0
         return sum(own is not None for own in found)
 
 
@@ -141,8 +139,10 @@ def _records(arm: Arm, p: int, own: dict[str, Any]) -> Records | None:
         return None
     records = new_records(arm.patches[p].patch.n_tactels)
     for name in NAMES:
-        column = numbers_in(own.get(name), len(records), may_miss=True)
-        if column is None or (name in NAMES[4:] and not (column >= 0.0).all()):
+        is_count = name in NAMES[4:]
+        least = 0.0 if is_count else -MAX_NUMBER
+        column = numbers_in(own.get(name), len(records), least, may_miss=not is_count)
+        if column is None:
             return None
         records[name] = column
     return records
@@ -197,13 +197,5 @@ def _of_board(arm: Arm, p: int, own: Records) -> Iterator[tuple[tuple[int, ...],
         worst[which] = True
         if len(which):
             yield tuple((1 + which).tolist()), what, advice
-    with np.errstate(invalid="ignore", divide="ignore"):
-        grown = np.log(noise / noise_first)
-    grown = grown[healthy & np.isfinite(grown) & ~worst]
-    if len(grown):
-        factor, error = grown.mean(), grown.std() / np.sqrt(len(grown))
-        if abs(factor) > max(np.log(SCALED), SIGMAS * error):
-            what = f"noise of the whole board {np.exp(factor):.1f} times that at commissioning"
-            yield (), what, "press it with a known force: its readings may be scaled"
     if (n := int(worst.sum())) > FAULTY_SHARE * len(healthy):
         yield (), f"{n} of {len(healthy)} tactels have findings", "replace the board"

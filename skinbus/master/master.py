@@ -171,7 +171,7 @@ class Master(Core):
             self.freshness.bus_is_back(now_ns, branch.patches)
         for other in self.branches:
             if other is not branch:
-                other.other_bus_news(event)
+                other.other_bus_news(now_ns, event)
 
     def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
         """Have pending reports sent again, when its bus takes frames again."""

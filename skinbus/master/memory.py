@@ -36,7 +36,7 @@ COLUMNS = {
 }
 """Keys of a patch, and the columns of ``KeptZeros`` that they hold."""
 
-VARIANCES = ("doubt", "variance", "common")
+SIGNED = ("zero_Pa", "band_centre_Pa")
 
 MAX_NUMBER = 1e15
 """Pa or Pa^2: no zero and no variance is larger."""
@@ -94,7 +94,9 @@ class Memory:
         return {
             "arm": arm.name,
             "patches": patches,
-            "contacts": [self._row(track) for track in snapshot["tracks"]],
+            "contacts": [
+                track._asdict() | {"patch": self._names[track.patch]} for track in snapshot["tracks"]
+            ],
             "last_identity": identity,
             "last_id": number,
         }
@@ -119,65 +121,47 @@ class Memory:
                 self._cycle.keep_zero(p)
             if taken < n_zeroed:
                 found.stale[p] = n_zeroed - taken
-            faults = numbers_in(kept.get("faults"), len(columns.zero))
+            faults = numbers_in(kept.get("faults"), len(columns.zero), 0.0)
             if faults is not None:
                 self._plausibility.resume(p, faults.astype(np.int64))
-        identity, number = (_whole(tables.get(key), 1 << 62) for key in ("last_identity", "last_id"))
-        self._tracker.last = max(identity, self._tracker.last[0]), number
-        if age_s <= CONTACT_S:
-            rows = tables.get("contacts")
-            for row in rows[:64] if isinstance(rows, list) else ():
-                track = self._track(table_in(row))
-                if track is not None and fits[track.patch]:
-                    self._tracker.resume(track, CONTACT_S - age_s)
+        last = numbers_in([tables.get(key) for key in ("last_identity", "last_id")], 2, 0.0)
+        if last is not None:
+            identity, number = last.astype(int).tolist()
+            self._tracker.last = max(identity, self._tracker.last[0]), number
+        rows = tables.get("contacts")
+        for row in rows[:64] if age_s <= CONTACT_S and isinstance(rows, list) else ():
+            track = self._track(table_in(row))
+            if track is not None and fits[track.patch]:
+                self._tracker.resume(track, CONTACT_S - age_s)
         return found
 
     def _columns(self, p: int, kept: dict[str, Any]) -> KeptZeros | None:
         """Return the zeros of a patch, None if they are not of this board or not whole."""
-        n = self._arm.patches[p].patch.n_tactels
         if kept.get("board") != self._prints[p]:
             return None
-        kept = {"pressed_Pa": [0.0] * n, **kept}  # states of older versions have none
-        columns = {name: numbers_in(kept.get(key), n) for key, name in COLUMNS.items()}
-        columns["common"] = numbers_in([kept.get("common_variance_Pa2")], 1)
-        found = {name: column for name, column in columns.items() if column is not None}
-        if len(found) < len(columns) or min(found[name].min() for name in VARIANCES) < 0.0:
+        n = self._arm.patches[p].patch.n_tactels
+        least = dict.fromkeys(SIGNED, -MAX_NUMBER)
+        found = {name: numbers_in(kept.get(key), n, least.get(key, 0.0)) for key, name in COLUMNS.items()}
+        common = numbers_in([kept.get("common_variance_Pa2")], 1, 0.0)
+        whole = {name: column for name, column in found.items() if column is not None}
+        if common is None or len(whole) < len(found):
             return None
-        return KeptZeros(
-            **{name: found[name] for name in ("zero", "doubt", "centre", "variance", "common")},
-            zeroed=found["zeroed"] != 0.0,
-            touched=found["touched"] != 0.0,
-            pressed=np.maximum(found["pressed"], 0.0),
-        )
-
-    def _row(self, track: KeptTrack) -> dict[str, Any]:
-        return {
-            "identity": track.identity,
-            "id": track.id,
-            "slot": track.slot,
-            "link": self._arm.links[track.link].name,
-            "patch": self._names[track.patch],
-            "s_m": track.s,
-            "a_m": track.a,
-            "force_N": track.force,
-        }
+        flags = {name: whole[name] != 0.0 for name in ("zeroed", "touched")}
+        return KeptZeros(**{**whole, **flags}, common=common)
 
     def _track(self, row: dict[str, Any]) -> KeptTrack | None:
-        """Return a contact, None if there is no such link or patch, or a number is none."""
-        links = [link.name for link in self._arm.links]
-        s, a, force = (row.get(key) for key in ("s_m", "a_m", "force_N"))
-        if row.get("link") not in links or row.get("patch") not in self._names:
+        """Return a contact, None if there is no such patch, or a number is none."""
+        numbers = numbers_in([row.get(key) for key in ("identity", "id", "slot", "s", "a", "force")], 6)
+        if numbers is None or row.get("patch") not in self._names:
             return None
-        if not (isinstance(s, float) and isinstance(a, float) and isinstance(force, float)):
+        patch = self._names.index(row["patch"])
+        link = self._arm.patches[patch].link
+        length = self._arm.links[link].surface.length
+        least, most = (1, 1, 0, 0.0, -1e3, 0.0), (MAX_NUMBER, 255, 255, length, 1e3, 1e5)
+        if not ((numbers >= least) & (numbers <= most)).all():
             return None
-        link = links.index(row["link"])
-        surface = self._arm.links[link].surface
-        if not (0.0 <= s <= surface.length and abs(a) < 1e3 and 0.0 <= force < 1e5):
-            return None
-        identity, number = _whole(row.get("identity"), 1 << 62), _whole(row.get("id"), 256)
-        if not (identity and number):
-            return None
-        slot, patch = _whole(row.get("slot"), 256), self._names.index(row["patch"])
+        *whole, s, a, force = numbers.tolist()
+        identity, number, slot = map(int, whole)
         return KeptTrack(identity, number, slot, link, patch, s, a, force)
 
 
@@ -204,16 +188,13 @@ def table_in(value: Any) -> dict[str, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def numbers_in(value: Any, n: int, *, may_miss: bool = False) -> Floats | None:
-    """Return a list of n finite numbers from a file as an array, or None; null is NaN if any ``may_miss``."""
+def numbers_in(value: Any, n: int, least: float = -MAX_NUMBER, *, may_miss: bool = False) -> Floats | None:
+    """Return n numbers from a file, none below ``least``; None if they are not. A null may be NaN."""
     if not isinstance(value, list) or len(value) != n:
         return None
     numbers = [np.nan if v is None and may_miss else v for v in value]
     if not all(isinstance(v, int | float) and not abs(v) >= MAX_NUMBER for v in numbers):
         return None
     column = np.array(numbers, np.float64)
-    return column if may_miss or np.isfinite(column).all() else None
-
-
-def _whole(value: Any, most: int) -> int:
-    return value if isinstance(value, int) and 0 <= value < most else 0
+    is_missing = np.isnan(column) & may_miss
+    return column if (is_missing | (column >= least)).all() else None

@@ -10,11 +10,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from skinbus.can.core import NEVER, Core, Step
-from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
-from skinbus.master.commissioning.sessions import Request, Script, Sessions
-from skinbus.master.other_master import OtherMaster
+from skinbus.master.commissioning.sessions import NodesCore, Request, Script
 from skinbus.master.patches.provisioning import NUMBERS, Identity
 from skinbus.node.lss import Lss, lss_request
 from skinbus.objects import cia
@@ -81,80 +78,50 @@ def match(node: Found, candidates: Iterable[Candidate]) -> Match:
     return Match(tuple(ranked[best]), best[0])
 
 
-def ask_node(node_id: int) -> Script[Found]:
-    """Read the identity of a node; the first time-out ends it."""
-    node = Found(node_id)
-    for name, index, sub in NUMBERS:
-        reply = yield Request(index, sub)
-        if reply.is_silent:
-            return node
-        node.answers = True
-        node.numbers[name] = None if reply.abort else int.from_bytes(reply.data, "little")
-    reply = yield Request(cia.ERROR_REGISTER, 0)
-    if not reply.abort and reply.data:
-        node.error_register = reply.data[0]
-    for name, index in TEXTS:
-        reply = yield Request(index, 0)
-        if not reply.abort:
-            node.texts[name] = reply.data.decode("latin-1").rstrip("\0")
-    return node
-
-
-class Scanner(Core):
+class Scanner(NodesCore[None]):
     """A core that looks for nodes and then asks its host to stop; it changes nothing on the bus."""
 
-    cob_ids: frozenset[int] | None = frozenset()
-
     def __init__(self, node_ids: Sequence[int] = range(1, cia.MAX_NODE_ID + 1)) -> None:
-        self.nodes: dict[int, Found] = {}
-        """What was found, by node-ID."""
+        super().__init__(node_ids, lasts_ns=LISTEN_NS)
         self.has_unconfigured = False
         """Whether a node without node-ID has answered."""
-        self.other_master = OtherMaster()
-        self._node_ids = tuple(node_ids)
-        self._end_ns = NEVER
-        self._sessions: Sessions[Found] = Sessions()
-        self._states: dict[int, cia.NmtState | None] = {}
-        self._started = False
-        answers = [base + n for n in self._node_ids for base in (cia.SDO_SERVER_BASE, cia.HEARTBEAT_BASE)]
-        self.cob_ids = frozenset(answers) | {cia.LSS_SLAVE_ID} | OtherMaster.cob_ids
+        self._all = {node_id: Found(node_id) for node_id in node_ids}
+        self._heard: set[int] = set()
+        self.cob_ids = frozenset({*self._node_of, *self.other_master.cob_ids, cia.LSS_SLAVE_ID})
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
-        """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
-        out: list[Frame] = []
-        if not self._started:
-            self._started = True
-            self._end_ns = now_ns + LISTEN_NS
-            out.append(lss_request(Lss.IDENTIFY_UNCONFIGURED))
-            for node_id in self._node_ids:
-                out += self._sessions.begin(now_ns, node_id, node_id, ask_node(node_id))
-        answers: dict[int, list[Frame]] = {}
-        for frame in frames:
-            self._take(frame, answers)
-        self.other_master.step(now_ns, frames)
-        requests, ended = self._sessions.step(now_ns, answers)
-        out += requests
-        for node_id, node in ended:
-            if node.answers:
-                self.nodes[node_id] = node
-        if len(self._sessions) == 0 and now_ns >= self._end_ns:
-            self._conclude()
-            return Step(out, [Event(t_ns=now_ns, kind=EventKind.STOP)], NEVER)
-        return Step(out, (), min(self._sessions.wake_ns, self._end_ns if now_ns < self._end_ns else NEVER))
+    @property
+    def nodes(self) -> dict[int, Found]:
+        """What was found, by node-ID."""
+        return {n: node for n, node in self._all.items() if node.answers or n in self._heard}
 
-    def _take(self, frame: Frame, answers: dict[int, list[Frame]]) -> None:
-        can_id, data = frame.can_id, frame.data
-        node_id = can_id & 0x7F
+    def _first(self) -> list[Frame]:
+        return [lss_request(Lss.IDENTIFY_UNCONFIGURED)]
+
+    def _script(self, node_id: int) -> Script[None]:
+        """Read the identity of a node; the first time-out ends it."""
+        node = self._all[node_id]
+        for name, index, sub in NUMBERS:
+            reply = yield Request(index, sub)
+            if reply.is_silent:
+                return
+            node.answers = True
+            node.numbers[name] = None if reply.abort else int.from_bytes(reply.data, "little")
+        reply = yield Request(cia.ERROR_REGISTER, 0)
+        if not reply.abort and reply.data:
+            node.error_register = reply.data[0]
+        for name, index in TEXTS:
+            reply = yield Request(index, 0)
+            if not reply.abort:
+                node.texts[name] = reply.data.decode("latin-1").rstrip("\0")
+
+    def _conclude(self, node_id: int, result: None) -> None:
+        """All is noted."""
+
+    def _hear(self, frame: Frame) -> None:
+        can_id, data, node_id = frame.can_id, frame.data, frame.can_id & 0x7F
         if can_id == cia.LSS_SLAVE_ID:
             self.has_unconfigured |= data[:1] == bytes([Lss.UNCONFIGURED_IDENTIFIED])
-        elif can_id == cia.SDO_SERVER_BASE + node_id:
-            answers.setdefault(node_id, []).append(frame)
-        elif len(data) == 1:
-            value = data[0] & 0x7F
-            known = value in cia.NmtState.__members__.values()
-            self._states[node_id] = cia.NmtState(value) if known else None
-
-    def _conclude(self) -> None:
-        """Put states and answers together."""
-        for node_id, state in self._states.items():
-            self.nodes.setdefault(node_id, Found(node_id)).state = state
+        elif can_id in self._node_of and can_id & ~0x7F == cia.HEARTBEAT_BASE and len(data) == 1:
+            self._heard.add(node_id)
+            state = data[0] & 0x7F
+            self._all[node_id].state = cia.NmtState(state) if state in list(cia.NmtState) else None

@@ -6,14 +6,16 @@ threads.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections import deque
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
+from skinbus.master.other_master import OtherMaster
 from skinbus.model import Arm, BusSettings
 from skinbus.node.context import NS_PER_MS
 from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS, SdoClient
@@ -303,3 +305,76 @@ class ScriptCore(Core):
             out = self._session.begin(now_ns, 0, self._node_id, self._script)
         stop = () if self._session else [Event(t_ns=now_ns, kind=EventKind.STOP)]
         return Step(out, stop, self._session.wake_ns)
+
+
+class NodesCore(Core, Generic[T]):
+    """A core that runs a script with each of some nodes, side by side, and then asks its host to stop.
+
+    Args:
+        node_ids: of the nodes.
+        listens_ns: before anything is sent; while another master is at work it sends nothing at all then.
+        lasts_ns: least time from the first request to the end.
+    """
+
+    cob_ids: frozenset[int] | None = None
+
+    def __init__(
+        self,
+        node_ids: Iterable[int],
+        timeouts: Timeouts | None = None,
+        *,
+        listens_ns: int = 0,
+        lasts_ns: int = 0,
+    ) -> None:
+        self.other_master = OtherMaster()
+        self._node_ids = tuple(node_ids)
+        self._sessions: Sessions[T] = Sessions(timeouts)
+        self._listens_ns, self._lasts_ns = listens_ns, lasts_ns
+        self._begin_ns: int | None = None
+        self._end_ns = NEVER
+        bases = (cia.SDO_SERVER_BASE, cia.HEARTBEAT_BASE)
+        self._node_of = {base + node_id: node_id for node_id in self._node_ids for base in bases}
+        self.cob_ids = frozenset(self._node_of) | OtherMaster.cob_ids
+
+    @abstractmethod
+    def _script(self, node_id: int) -> Script[T]:
+        """Return the script of a node."""
+
+    @abstractmethod
+    def _conclude(self, node_id: int, result: T) -> None:
+        """Take what a script has returned."""
+
+    def _first(self) -> list[Frame]:
+        """Return what is sent before all scripts."""
+        return []
+
+    def _hear(self, frame: Frame) -> None:
+        """Take any frame."""
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
+        events = self.other_master.step(now_ns, frames)
+        if self._begin_ns is None:
+            self._begin_ns = now_ns + self._listens_ns
+        out: list[Frame] = []
+        if self._end_ns == NEVER:
+            if self._listens_ns and self.other_master.is_present:
+                return Step((), [*events, Event(t_ns=now_ns, kind=EventKind.STOP)], NEVER)
+            if now_ns < self._begin_ns:
+                return Step((), (), self._begin_ns)
+            self._end_ns = now_ns + self._lasts_ns
+            out += self._first()
+            for node_id in self._node_ids:
+                out += self._sessions.begin(now_ns, node_id, node_id, self._script(node_id))
+        by_node: dict[int, list[Frame]] = {}
+        for frame in frames:
+            self._hear(frame)
+            if (sender := self._node_of.get(frame.can_id)) is not None:
+                by_node.setdefault(sender, []).append(frame)
+        requests, ended = self._sessions.step(now_ns, by_node)
+        for node_id, result in ended:
+            self._conclude(node_id, result)
+        wake_ns = self._sessions.wake_ns if self._sessions else max(self._end_ns, now_ns)
+        is_over = not self._sessions and now_ns >= self._end_ns
+        stop = [Event(t_ns=now_ns, kind=EventKind.STOP)] * is_over
+        return Step(out + requests, stop, NEVER if is_over else wake_ns)

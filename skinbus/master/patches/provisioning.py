@@ -7,25 +7,15 @@ arm file does not name must not stay behind.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import Enum, StrEnum, auto
 from typing import Final, NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary
 
-from skinbus.can.core import NEVER, Core, Step
-from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
-from skinbus.master.commissioning.sessions import (
-    Listen,
-    Reply,
-    Request,
-    Script,
-    Sessions,
-    Timeouts,
-)
-from skinbus.master.other_master import OtherMaster
+from skinbus.master.commissioning.sessions import Listen, NodesCore, Reply, Request, Script, Timeouts
 from skinbus.model import Arm
 from skinbus.node.nmt import nmt_frame
 from skinbus.node.sdo_client import ASK_UPLOAD
@@ -411,90 +401,36 @@ REBOOT_NS = 2_000_000_000
 """Longest time from the reset of a patch to its boot-up message."""
 
 
-class Configurer(Core):
+class Configurer(NodesCore[Provisioned]):
     """A core that configures all patches of ``plans`` and then asks its host to stop.
 
-    ``results`` fills up by node-ID; ``progress`` is the share of the work that is done. Where another master
-    is at work nothing is sent.
+    ``results`` fills up by node-ID. Where another master is at work nothing is sent.
     """
 
-    cob_ids: frozenset[int] | None = frozenset()
-
     def __init__(
-        self,
-        plans: Sequence[ExpectedNode],
-        *,
-        dry_run: bool = False,
-        timeouts: Timeouts | None = None,
-        on_result: Callable[[int, Provisioned], object] | None = None,
+        self, plans: Sequence[ExpectedNode], *, dry_run: bool = False, timeouts: Timeouts | None = None
     ) -> None:
         self.results: dict[int, Provisioned] = {}
-        self.other_master = OtherMaster()
         self._plans = {plan.node_id: plan for plan in plans}
         self._task = Task.COMPARE if dry_run else Task.CONFIGURE
-        self._on_result = on_result
-        self._sessions: Sessions[Provisioned] = Sessions(timeouts)
-        self._tries = dict.fromkeys(self._plans, TRIES)
-        self._rebooting: dict[int, int] = {}
-        self._answer = {cia.SDO_SERVER_BASE + node_id: node_id for node_id in self._plans}
-        self._boot_up = {cia.HEARTBEAT_BASE + node_id: node_id for node_id in self._plans}
-        self.cob_ids = frozenset(self._answer) | frozenset(self._boot_up) | OtherMaster.cob_ids
-        self._begin_at: int | None = None
-        self._started = False
+        super().__init__(self._plans, timeouts, listens_ns=LISTEN_NS)
 
-    @property
-    def progress(self) -> float:
-        """Share of the patches that are done, 0 to 1."""
-        return len(self.results) / len(self._plans) if self._plans else 1.0
+    def _first(self) -> list[Frame]:
+        """Readings must not change their meaning under a listener."""
+        command = cia.NmtCommand.PRE_OPERATIONAL
+        return [nmt_frame(command, node_id) for node_id in self._plans if self._task is Task.CONFIGURE]
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
-        """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
-        out: list[Frame] = []
-        if self._begin_at is None:
-            self._begin_at = now_ns + LISTEN_NS
-        if not self._started:
-            events = self.other_master.step(now_ns, frames)
-            if self.other_master.is_present:
-                return Step((), [*events, Event(t_ns=now_ns, kind=EventKind.STOP)], NEVER)
-            if now_ns < self._begin_at:
-                return Step((), (), self._begin_at)
-            self._started = True
-            for node_id in self._plans:
-                if self._task is Task.CONFIGURE:  # readings must not change their meaning under a listener
-                    out.append(nmt_frame(cia.NmtCommand.PRE_OPERATIONAL, node_id))
-                self._begin(now_ns, node_id, out)
-        answers: dict[int, list[Frame]] = {}
-        for frame in frames:
-            if (answering := self._answer.get(frame.can_id)) is not None:
-                answers.setdefault(answering, []).append(frame)
-            elif self._boot_up.get(frame.can_id) in self._rebooting and frame.data == b"\0":
-                self._rebooting[self._boot_up[frame.can_id]] = now_ns
-        requests, ended = self._sessions.step(now_ns, answers)
-        out += requests
-        for node_id, result in ended:
-            self._conclude(now_ns, node_id, result, out)
-        for node_id in [n for n, until_ns in self._rebooting.items() if until_ns <= now_ns]:
-            del self._rebooting[node_id]  # it has booted, or sends no boot-up message
-            self._begin(now_ns, node_id, out, is_restored=True)
-        done = len(self.results) == len(self._plans)
-        wake_ns = min(self._sessions.wake_ns, min(self._rebooting.values(), default=NEVER))
-        return Step(out, [Event(t_ns=now_ns, kind=EventKind.STOP)] if done else (), wake_ns)
-
-    def _begin(self, now_ns: int, node_id: int, out: list[Frame], *, is_restored: bool = False) -> None:
+    def _script(self, node_id: int) -> Script[Provisioned]:
         plan = self._plans[node_id]
-        script = provision(plan, self._task, is_restored=is_restored)
-        out += self._sessions.begin(now_ns, node_id, node_id, script)
+        for _ in range(TRIES):
+            result = yield from provision(plan, self._task)
+            if result.outcome is Provision.RESTORED:
+                reset = nmt_frame(cia.NmtCommand.RESET_NODE, node_id)
+                yield Listen(REBOOT_NS, lambda frame: frame.data == b"\0", (reset,))
+                result = yield from provision(plan, self._task, is_restored=True)
+            if result.outcome is not Provision.ABSENT or result.changes:
+                break
+        return result
 
-    def _conclude(self, now_ns: int, node_id: int, result: Provisioned, out: list[Frame]) -> None:
-        if result.outcome is Provision.RESTORED:
-            out.append(nmt_frame(cia.NmtCommand.RESET_NODE, node_id))
-            self._rebooting[node_id] = now_ns + REBOOT_NS
-            return
-        if result.outcome is Provision.ABSENT and not result.changes:
-            self._tries[node_id] -= 1
-            if self._tries[node_id] > 0:
-                self._begin(now_ns, node_id, out)
-                return
+    def _conclude(self, node_id: int, result: Provisioned) -> None:
         self.results[node_id] = result
-        if self._on_result:
-            self._on_result(node_id, result)
