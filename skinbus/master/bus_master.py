@@ -18,7 +18,7 @@ from skinbus.master.gather import Gather
 from skinbus.master.network import Commands, Network
 from skinbus.master.other_master import Contest, OtherMaster
 from skinbus.master.patches.provisioning import ExpectedNode
-from skinbus.master.patches.supervisor import PassiveMonitor, PatchMonitor, Supervisor
+from skinbus.master.patches.supervisor import PatchMonitor, Supervisor
 from skinbus.master.patches.table import Mask, PatchTable
 from skinbus.model import Arm
 from skinbus.node.device import Device
@@ -54,9 +54,7 @@ class BusMaster:
         od = load_eds("skin-master", node_id)
         self.device = Device(od, node_id)
         self.supervisor: PatchMonitor = (
-            PassiveMonitor([plan.node_id for plan in plans], table)
-            if follows
-            else Supervisor(plans, table, timeouts_of(arm))
+            PatchMonitor(plans, table) if follows else Supervisor(plans, table, timeouts_of(arm))
         )
         requests = {cia.SDO_CLIENT_BASE + plan.node_id for plan in plans}
         taken = data_ids | self.supervisor.cob_ids | requests
