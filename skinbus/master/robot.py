@@ -46,7 +46,7 @@ class MasterRobot:
         self.positions = JointPositions(self.frames.chain, arm.robot)
         self._outputs: list[_Objects] = []
         # from another thread, taken when a cycle closes; a deque bears both ends
-        self._offered: deque[tuple[int, list[tuple[int, float]]]] = deque(maxlen=OFFERED)
+        self._offered: deque[tuple[int, npt.NDArray[np.float64]]] = deque(maxlen=OFFERED)
 
     def publish_on(self, devices: Sequence[Device]) -> None:
         """Write the objects of these nodes of the master from now on."""
@@ -60,9 +60,9 @@ class MasterRobot:
         Raises:
             ArgumentError: as that, and for positions beyond the limits of the URDF, as degrees are.
         """
-        values = self.positions.resolve(positions)
-        check_positions(self.frames.chain, values)
-        self._offered.append((t_ns, values))
+        row = self.positions.resolve(positions)
+        check_positions(self.frames.chain, row)
+        self._offered.append((t_ns, row))
 
     def clear(self) -> None:
         """Write that nothing is known of the robot, and send it: there is no cycle now."""
@@ -82,8 +82,7 @@ class MasterRobot:
     def place(self, t_ns: int, contacts: Any, *, is_blind: bool = False) -> RobotContacts:
         """Return contacts on the robot, at the joint positions of a time."""
         while self._offered:
-            when, values = self._offered.popleft()
-            self.positions.put_all((joint, when, value) for joint, value in values)
+            self.positions.put(*self._offered.popleft())
         at = None if is_blind else self.positions.at(t_ns)
         return self.frames.place(contacts, *(at or (None,)))
 

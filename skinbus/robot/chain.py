@@ -7,7 +7,6 @@ that they carry. All poses are in the base frame, which no joint may move. X_AB 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -64,11 +63,12 @@ class Chain(NamedTuple):
         """Number of moving joints."""
         return len(self.names)
 
-    def is_beyond(self, j: int, value: float) -> bool:
-        """Whether a position is beyond the limits of its joint; limits that leave no range are none."""
-        slack = SLACK_M if self.linear[j] else SLACK_RAD
-        is_limited = self.kinds[j] != "continuous" and self.lower[j] < self.upper[j]
-        return bool(is_limited and not self.lower[j] - slack <= value <= self.upper[j] + slack)
+    def are_beyond(self, positions: Floats) -> npt.NDArray[np.bool_]:
+        """Return which positions (n_joints,) are beyond limits; limits that leave no range are none."""
+        slack = np.where(self.linear, SLACK_M, SLACK_RAD)
+        is_limited = (np.array(self.kinds) != "continuous") & (self.lower < self.upper)
+        beyond = (positions < self.lower - slack) | (positions > self.upper + slack)
+        return np.asarray(is_limited & beyond)
 
 
 def check_robot(arm: Arm) -> None:
@@ -77,19 +77,18 @@ def check_robot(arm: Arm) -> None:
         load_chain(arm.robot)
 
 
-def check_positions(chain: Chain, positions: Sequence[tuple[int, float]]) -> None:
-    """Check positions (rad or m), each after the number of its joint: degrees for radians are refused.
+def check_positions(chain: Chain, positions: Floats) -> None:
+    """Check positions (n_joints,), rad or m, NaN of joints that are not meant: degrees are refused.
 
     Raises:
         ArgumentError: one is beyond the limits of its joint.
     """
-    for j, value in positions:
-        if chain.is_beyond(j, value):
-            unit, what = ("m", "metres, not mm") if chain.linear[j] else ("rad", "radians, not degrees")
-            raise ArgumentError(
-                f"joint {chain.names[j]!r} at {value:g} {unit}; wanted {chain.lower[j]:g} to "
-                f"{chain.upper[j]:g} {unit}, as in the URDF: positions are in {what}"
-            )
+    for j in np.flatnonzero(chain.are_beyond(positions)):
+        unit, what = ("m", "metres, not mm") if chain.linear[j] else ("rad", "radians, not degrees")
+        raise ArgumentError(
+            f"joint {chain.names[j]!r} at {positions[j]:g} {unit}; wanted {chain.lower[j]:g} to "
+            f"{chain.upper[j]:g} {unit}, as in the URDF: positions are in {what}"
+        )
 
 
 def load_chain(settings: RobotSettings) -> Chain:
@@ -98,7 +97,7 @@ def load_chain(settings: RobotSettings) -> Chain:
     Raises:
         ConfigError: faults of the URDF; or the arm file names what it does not have, the skin is on a joint
             that is not supported, or a fixed position is beyond its limits: all such faults.
-        SkinbusError: yourdfpy is not installed.
+        SkinbusError: lxml is not installed.
     """
     root, joints = read_urdf(settings.urdf)
     faults: list[Fault] = []
@@ -149,10 +148,11 @@ def load_chain(settings: RobotSettings) -> Chain:
     chain = _compile(carriers, moved, base, wanted, settings)
     for said in settings.joints:
         j = chain.names.index(said.name)
-        if said.fixed is not None and chain.is_beyond(j, said.fixed):
+        position = math.nan if said.fixed is None else said.fixed
+        if chain.are_beyond(np.full(chain.n_joints, position))[j]:
             key, scale = ("fixed_mm", 1e-3) if chain.linear[j] else ("fixed_deg", math.radians(1.0))
             wish = f"{chain.lower[j] / scale:.6g} to {chain.upper[j] / scale:.6g}, as in the URDF"
-            faults.append(Fault(f"{said.key}.{key}", round(said.fixed / scale, 6), wish))
+            faults.append(Fault(f"{said.key}.{key}", round(position / scale, 6), wish))
     if faults:
         raise ConfigError(settings.file, faults)
     return chain

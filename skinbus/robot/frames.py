@@ -52,7 +52,6 @@ class RobotContacts:
     torques            (n_joints,) N m or N, of all contacts on the joints; what drives hold is its negative
     torque_covariance  (n_joints, n_joints); contacts are taken as independent of each other
     base_wrench        (6,) force (N) and moment (N m) of all contacts about the base, in the base frame
-    link_wrench        (n_links, 6) of the contacts of each link, about the frame of its URDF link, in it
     """
 
     valid: bool
@@ -67,7 +66,6 @@ class RobotContacts:
     torques: Floats
     torque_covariance: Floats
     base_wrench: Floats
-    link_wrench: Floats
 
     def force_vector(self, frame: str = "base") -> Floats:
         """Return the force of each contact on the skin in a frame, (n, 3) N."""
@@ -102,7 +100,7 @@ class RobotFrames:
 
     Raises:
         ConfigError: faults of the URDF, or of the arm file that goes with it.
-        SkinbusError: yourdfpy is not installed.
+        SkinbusError: lxml is not installed.
     """
 
     def __init__(self, arm: Arm, chain: Chain | None = None) -> None:
@@ -194,11 +192,7 @@ class RobotFrames:
             [of_place, *(of_place + (v.swapaxes(1, 2) * variance) @ v for v in (move, against_tool))], 1
         )
         covariance = back @ covariance @ R
-        forces = -force[:, None, None] * normals[:, :2]
-        wrenches = np.concatenate([forces, _cross(points[:, :2], forces)], -1)
-        link_wrench = np.zeros((n_links, 6))
-        np.add.at(link_wrench, link, wrenches[:, 0])
-        base_wrench = wrenches[:, 1].sum(axis=0)
+        base_wrench = np.concatenate([pushes, _cross(point, pushes)], -1).sum(axis=0)
         jacobian = np.concatenate([move, angular], -1).swapaxes(1, 2)
 
         is_unknown = contacts.covariance[:, 2, 2] <= 0.0  # at level kmeans
@@ -221,7 +215,6 @@ class RobotFrames:
             torques=torques,
             torque_covariance=torque_covariance,
             base_wrench=base_wrench,
-            link_wrench=link_wrench,
         )
 
     def _on_surfaces(self, link: Ints, s: Floats, a: Floats) -> tuple[Floats, Floats]:

@@ -1,7 +1,7 @@
 """Triangle meshes of links: read from STL, OBJ or PLY, checked, and mended where that is safe.
 
-Mended, with a message: corners that coincide are joined, triangles without area and doubled ones are left
-out, and a closed surface is turned outward. Refused: what is not one connected surface, wound alike, in which
+Mended: corners that coincide are joined, triangles without area and doubled ones are left out; a closed surface
+is turned outward, with a message. Refused: what is not one connected surface, wound alike, in which
 at most two triangles meet at an edge, and what is too large or of a size that no link has. Open rims are
 reported: geodesics go around them.
 """
@@ -102,12 +102,9 @@ def mend(points: npt.ArrayLike, triangles: npt.ArrayLike, file: str = "mesh") ->
         faults.append(Fault("size", f"{size:g} m", f"{SIZES[0]:g} to {SIZES[1]:g} m: say its unit"))
     shape = _trimesh().Trimesh(p, t, process=False)
     shape.merge_vertices()
-    counts = {"corners that coincide were joined": len(np.unique(t)) - len(shape.vertices)}
     shape.update_faces(shape.nondegenerate_faces())
     shape.update_faces(shape.unique_faces())
-    p, n_before, t = np.array(shape.vertices), len(t), np.array(shape.faces, np.int64)
-    counts["triangles without area or doubled were left out"] = n_before - len(t)
-    messages = [f"{n} {what}" for what, n in counts.items() if n]
+    p, t, messages = np.array(shape.vertices), np.array(shape.faces, np.int64), []
     if not len(t):
         raise ConfigError(file, [*faults, Fault("triangles", 0, "one with an area")])
     meeting = np.bincount(shape.edges_unique_inverse)

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -40,22 +40,19 @@ class JointPositions:
 
     def __init__(self, chain: Chain, settings: RobotSettings) -> None:
         said = {joint.name: joint for joint in settings.joints}
+        fixed = {name: joint.fixed for name, joint in said.items() if joint.fixed is not None}
         self.names = chain.names
         self.max_age_ns = settings.max_age_ns
-        self._continuous = [kind == "continuous" for kind in chain.kinds]
-        self._velocity = chain.velocity.tolist()
-        self._sd = [said[name].sd if name in said else 0.0 for name in chain.names]
-        self._fixed = [said[name].fixed if name in said else None for name in chain.names]
-        self._came: list[list[tuple[int, float]]] = [[] for _ in chain.names]
-        """Times and positions of each joint, times growing."""
-        self._from_python = [
-            j for j, name in enumerate(chain.names) if name not in said or said[name].fixed is None
-        ]
-
-    @property
-    def from_python(self) -> tuple[str, ...]:
+        self.from_python = tuple(name for name in chain.names if name not in fixed)
         """Names of the joints that :meth:`set` sets: those that are not fixed."""
-        return tuple(self.names[j] for j in self._from_python)
+        self._fixed = np.array([fixed.get(name, math.nan) for name in chain.names])
+        self._sd = np.array([said[name].sd if name in said else 0.0 for name in chain.names])
+        self._continuous = np.array(chain.kinds) == "continuous"
+        self._velocity = np.where(np.isnan(self._fixed), chain.velocity, 0.0)
+        self._rows: list[tuple[int, Floats]] = []
+        """Times and positions (n_joints,), times growing."""
+        self._set_ns = np.full(len(chain.names), -(2**62))
+        """When each joint was set last."""
 
     def set(self, t_ns: int, positions: npt.ArrayLike | Mapping[str, float]) -> None:
         """Take positions of a time: a number for each joint of :attr:`from_python`, or some by name.
@@ -63,86 +60,81 @@ class JointPositions:
         Raises:
             ArgumentError: a number of them, a name or a value that cannot be; nothing is taken then.
         """
-        self.put_all((joint, t_ns, value) for joint, value in self.resolve(positions))
+        self.put(t_ns, self.resolve(positions))
 
-    def resolve(self, positions: npt.ArrayLike | Mapping[str, float]) -> list[tuple[int, float]]:
-        """Return the joints that positions are of, and their values, as :meth:`set` takes them.
+    def resolve(self, positions: npt.ArrayLike | Mapping[str, float]) -> Floats:
+        """Return positions (n_joints,) as :meth:`set` takes them, NaN of joints that are not named.
 
         Raises:
             ArgumentError: as :meth:`set`.
         """
-        joints, given = self._from_python, positions
+        names, given = self.from_python, positions
         if isinstance(positions, Mapping):
-            unknown = [name for name in positions if name not in self.from_python]
-            if unknown:
+            names, given = tuple(positions), list(positions.values())
+            if unknown := [name for name in names if name not in self.from_python]:
                 wanted = ", ".join(self.from_python) or "none: all are fixed"
                 raise ArgumentError(f"no joint {unknown[0]!r} to be set; wanted {wanted}")
-            joints, given = [self.names.index(name) for name in positions], list(positions.values())
         try:
             values = np.asarray(given, np.float64)
         except (TypeError, ValueError):
             raise ArgumentError(f"positions must be numbers, got {shown_value(given)}") from None
-        if values.shape != (len(joints),):
-            raise ArgumentError(
-                f"positions of shape {values.shape}; wanted ({len(joints)},): {self.from_python}"
-            )
+        if values.shape != (len(names),):
+            raise ArgumentError(f"positions of shape {values.shape}; wanted ({len(names)},): {names}")
         if np.ma.is_masked(given) or not np.isfinite(values).all():
             raise ArgumentError(f"positions must be finite, got {shown_value(given)}")
-        return list(zip(joints, values.tolist(), strict=True))
+        row = self._fixed.copy()
+        row[[self.names.index(name) for name in names]] = values
+        return row
 
-    def put_all(self, came: Iterable[tuple[int, int, float]]) -> None:
-        """Take positions as they came: joint, time, position.
+    def put(self, t_ns: int, row: Floats) -> None:
+        """Take positions of :meth:`resolve`; they take the place of those of the same and of later times.
 
-        A position takes the place of those of the same and of later times.
+        A joint that is not named stays where it was, for as long as that is young enough.
         """
-        for joint, t_ns, position in came:
-            kept = self._came[joint]
-            if self._continuous[joint] and kept:  # the short way round
-                position += math.tau * round((kept[-1][1] - position) / math.tau)
-            while kept and kept[-1][0] >= t_ns:
-                kept.pop()
-            kept.append((t_ns, position))
-            del kept[:-KEPT]
+        rows, is_given = self._rows, np.isfinite(row)
+        while rows and rows[-1][0] >= t_ns:
+            rows.pop()
+        if rows:
+            last = rows[-1][1]
+            turns = np.nan_to_num(np.round((last - row) / math.tau))  # the short way round
+            row = np.where(self._continuous, row + math.tau * turns, row)
+            is_held = ~is_given & (t_ns - self._set_ns <= self.max_age_ns)
+            row[is_held] = last[is_held]
+        self._set_ns[is_given] = t_ns
+        rows.append((t_ns, row))
+        del rows[:-KEPT]
 
     def at(self, t_ns: int) -> tuple[Floats, Floats] | None:
         """Return positions (n_joints,) and standard deviations at a time; None if one is not known.
 
-        A joint is known when the newest position before the time is at most ``max_age_ns`` older than it.
+        They are known when the newest before the time are at most ``max_age_ns`` older than it.
         """
-        found = []
-        for j, fixed in enumerate(self._fixed):
-            known = (fixed, 0.0) if fixed is not None else self._one_at(j, t_ns)
-            if known is None:
-                return None
-            found.append((known[0], math.hypot(self._sd[j], known[1])))
-        position, deviation = np.array(found, np.float64).reshape(-1, 2).T
-        return position, deviation
-
-    def _one_at(self, j: int, t_ns: int) -> tuple[float, float] | None:
-        """Return the position of a joint, and how far it may be off by how the joint moved."""
-        came = self._came[j]
-        k = bisect_right(came, (t_ns, math.inf)) - 1
+        if not self.from_python:
+            return self._fixed, self._sd
+        rows = self._rows
+        k = bisect_right(rows, t_ns, key=lambda row: row[0]) - 1
         if k < 0:
             return None
         # up to three that follow each other, around the time if possible
         picked = [k]
         for i, beside in ((k + 1, k), (k - 1, k), (k + 2, k + 1), (k - 2, k - 1)):
-            is_next = len(picked) < 3 and beside in picked and 0 <= i < len(came)
-            if is_next and abs(came[i][0] - came[beside][0]) <= self.max_age_ns:
+            is_next = len(picked) < 3 and beside in picked and 0 <= i < len(rows)
+            if is_next and abs(rows[i][0] - rows[beside][0]) <= self.max_age_ns:
                 picked.append(i)
-        since = t_ns - came[k][0]
+        since = t_ns - rows[k][0]
         if k + 1 not in picked and since > self.max_age_ns:
             return None
-        (t, position), *others = (came[i] for i in picked)
+        (t, position), *others = (rows[i] for i in picked)
+        near = min([since, *(abs(t_ns - other) for other, _ in others)])
+        off = 1e-9 * near * self._velocity if near else np.zeros_like(position)
         if others:
             (t_1, q_1) = others[0]
             slope = (q_1 - position) / (t_1 - t)
-            position += slope * since
+            position = position + slope * since
         if len(others) == 2:
             t_2, q_2 = others[1]
             bend = ((q_2 - q_1) / (t_2 - t_1) - slope) / (t_2 - t)
-            return position, bend * since * (t_ns - t_1)
-        near = min([since, *(abs(t_ns - t_1) for t_1, _ in others)])
-        if near and not self._velocity[j] < math.inf:
+            off = bend * since * (t_ns - t_1)
+        if not np.isfinite(position + off).all():
             return None
-        return position, 1e-9 * self._velocity[j] * near if near else 0.0
+        return position, np.hypot(self._sd, off)

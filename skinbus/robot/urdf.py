@@ -1,6 +1,6 @@
-"""URDF files: read by yourdfpy, checked before so that every fault is reported with its line and element.
+"""URDF files: links and the joints between them; every fault is reported with its line and element.
 
-What skins need is read: links and the joints between them. Inertias, shapes and transmissions are not.
+What skins need is read. Inertias, shapes, transmissions and what drives can do are not.
 """
 
 from __future__ import annotations
@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from skinbus.errors import ConfigError, Fault, FaultList, SkinbusError
 from skinbus.file_bytes import read_bytes
@@ -22,26 +22,15 @@ Floats = npt.NDArray[np.float64]
 
 MOST_BYTES: Final = 20_000_000
 KINDS: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
-MOVING: Final = ("revolute", "continuous", "prismatic", "planar")
-"""Kinds with an axis."""
 NUMBERS: Final = {
-    "origin": {"xyz": 3, "rpy": 3},
-    "axis": {"xyz": 3},
-    "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
-    "mimic": {"multiplier": 1, "offset": 1},
-    "dynamics": {"damping": 1, "friction": 1},
-    "calibration": {"rising": 1, "falling": 1},
-    "safety_controller": {"soft_lower_limit": 1, "soft_upper_limit": 1, "k_position": 1, "k_velocity": 1},
-    "mass": {"value": 1},
-    "inertia": {"ixx": 1, "ixy": 1, "ixz": 1, "iyy": 1, "iyz": 1, "izz": 1},
-    "box": {"size": 3},
-    "cylinder": {"radius": 1, "length": 1},
-    "sphere": {"radius": 1},
-    "mesh": {"scale": 3},
-    "color": {"rgba": 4},
+    "origin.xyz": (0.0, 0.0, 0.0),
+    "origin.rpy": (0.0, 0.0, 0.0),
+    "axis.xyz": (1.0, 0.0, 0.0),
+    "limit.lower": (-np.inf,),
+    "limit.upper": (np.inf,),
+    "limit.velocity": (np.inf,),
 }
-"""How many numbers an attribute holds, by element: those that yourdfpy turns into numbers."""
-_WISHES: Final = {1: "a finite number", 3: "three finite numbers", 4: "four finite numbers"}
+"""Attributes of elements of a joint that hold numbers, and what they are where they are not given."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,50 +55,29 @@ def read_urdf(path: str | Path) -> tuple[str, list[Joint]]:
 
     Raises:
         ConfigError: it cannot be read, or has faults: all of them.
-        SkinbusError: yourdfpy is not installed.
+        SkinbusError: lxml is not installed.
     """
     try:
-        from yourdfpy import URDF
+        import lxml.etree as xml
     except ImportError as error:
         raise SkinbusError(
-            f"a robot needs yourdfpy ({error.name} is missing): pip install 'skinbus[robot]'"
+            "a robot needs lxml, which yourdfpy brings: pip install 'skinbus[robot]'"
         ) from error
-
-    import lxml.etree as xml
-
-    content = read_bytes(Path(path), MOST_BYTES)
     try:
-        root = xml.fromstring(content, xml.XMLParser(remove_comments=True, resolve_entities=False))
+        root = xml.fromstring(
+            read_bytes(Path(path), MOST_BYTES), xml.XMLParser(remove_comments=True, resolve_entities=False)
+        )
     except xml.XMLSyntaxError as error:
         fault = Fault(f"line {error.lineno}", None, f"XML: {error.msg}")
         raise ConfigError(str(path), [fault]) from None
     if faults := FaultList(_faults(root)):
         raise ConfigError(str(path), faults)
-    try:
-        # neither the shapes nor yourdfpy's own kinematics are wanted: they take most of its time
-        robot = URDF.load(BytesIO(content), build_scene_graph=False, load_meshes=False).robot
-    except Exception as error:
-        wanted = f"a URDF that yourdfpy can read ({type(error).__name__}: {error})"
-        raise ConfigError(str(path), [Fault("file", None, wanted)]) from error
     from_link: defaultdict[str, list[Joint]] = defaultdict(list)
-    for joint in robot.joints:
-        limit = joint.limit
-        from_link[joint.parent].append(
-            Joint(
-                name=joint.name,
-                kind=joint.type,
-                parent=joint.parent,
-                child=joint.child,
-                X_PJ=np.eye(4) if joint.origin is None else np.asarray(joint.origin, float),
-                axis=_unit(joint.axis),
-                mimics=None if joint.mimic is None else str(joint.mimic.joint),
-                lower=-np.inf if limit is None or limit.lower is None else float(limit.lower),
-                upper=np.inf if limit is None or limit.upper is None else float(limit.upper),
-                velocity=np.inf if limit is None or not limit.velocity else abs(float(limit.velocity)),
-            )
-        )
-    carried = {joint.child for joint in robot.joints}
-    base = next((link.name for link in robot.links if link.name not in carried), "")
+    for element in root.findall("joint"):
+        joint = _joint(element)
+        from_link[joint.parent].append(joint)
+    carried = {joint.child for joints in from_link.values() for joint in joints}
+    base = next((name for link in root.findall("link") if (name := link.get("name")) not in carried), "")
     ordered = list(from_link[base])
     for joint in ordered:  # grows while it is walked
         ordered += from_link[joint.child]
@@ -118,10 +86,25 @@ def read_urdf(path: str | Path) -> tuple[str, list[Joint]]:
     return base, ordered
 
 
-def _unit(axis: Any) -> Floats:
-    axis = np.asarray(axis, float)
-    length = float(np.linalg.norm(axis))
-    return axis / length if length else np.array([1.0, 0.0, 0.0])
+def _joint(element: Any) -> Joint:
+    """Return the joint of an element without faults."""
+    xyz, rpy, axis, *limits = (_numbers(element, key) for key in NUMBERS)
+    lower, upper, velocity = (float(limit[0]) for limit in limits)
+    X_PJ = np.eye(4)
+    X_PJ[:3, :3], X_PJ[:3, 3] = Rotation.from_euler("xyz", rpy).as_matrix(), xyz
+    mimic = element.find("mimic")
+    return Joint(
+        name=element.get("name"),
+        kind=element.get("type"),
+        parent=_link(element, "parent"),
+        child=_link(element, "child"),
+        X_PJ=X_PJ,
+        axis=axis / (np.linalg.norm(axis) or 1.0),
+        mimics=None if mimic is None else mimic.get("joint"),
+        lower=lower,
+        upper=upper,
+        velocity=abs(velocity) or np.inf,
+    )
 
 
 def _at(element: Any, key: str = "") -> str:
@@ -148,22 +131,22 @@ def _faults(root: Any) -> Iterator[Fault]:
             elif name in seen:
                 yield Fault(_at(element, "name"), name, "a name that no other has")
             seen.add(name)
-    for owner in (*links, *joints, *root.findall("material")):
-        yield from _number_faults(owner)
     names = {link.get("name") for link in links}
     child_of: dict[str, str] = {}
     for joint in joints:
-        kind = joint.get("type")
+        kind, child = joint.get("type"), _link(joint, "child")
         if kind not in KINDS:
             yield Fault(_at(joint, "type"), kind, f"one of {', '.join(KINDS)}")
-        parent, child = (None if (end := joint.find(tag)) is None else end.get("link") for tag in _ENDS)
-        for tag, link in zip(_ENDS, (parent, child), strict=True):
-            if link is None or link not in names:
+        for tag in ("parent", "child"):
+            if (link := _link(joint, tag)) not in names:
                 yield Fault(_at(joint, tag), link, "the name of a link of this file")
-        axis = joint.find("axis")
-        along = None if axis is None else _numbers(axis.get("xyz", "1 0 0"), 3)
-        if kind in MOVING and along is not None and not np.any(along):
-            yield Fault(_at(joint, "axis.xyz"), axis.get("xyz"), "a direction, not zero")
+        for key, usual in NUMBERS.items():
+            values = _numbers(joint, key)
+            if len(values) != len(usual):
+                wish = "three finite numbers" if len(usual) == 3 else "a finite number"
+                yield Fault(_at(joint, key), _attribute(joint, key), wish)
+            elif key == "axis.xyz" and not values.any() and kind not in ("fixed", "floating"):
+                yield Fault(_at(joint, key), _attribute(joint, key), "a direction, not zero")
         if child in child_of:
             yield Fault(_at(joint, "child"), child, f"a link that {child_of[child]} does not carry already")
         elif child:
@@ -173,21 +156,22 @@ def _faults(root: Any) -> Iterator[Fault]:
         yield Fault(_at(root), ", ".join(roots), "one root: a link that no joint carries")
 
 
-_ENDS: Final = ("parent", "child")
+def _link(joint: Any, tag: str) -> Any:
+    end = joint.find(tag)
+    return None if end is None else end.get("link")
 
 
-def _number_faults(owner: Any) -> Iterator[Fault]:
-    for element in owner.iter():
-        for key, n in NUMBERS.get(element.tag, {}).items():
-            text = element.get(key)
-            if text is not None and _numbers(text, n) is None:
-                yield Fault(_at(owner, f"{element.tag}.{key}"), text, _WISHES[n])
+def _attribute(joint: Any, key: str) -> str | None:
+    tag, _, name = key.partition(".")
+    element = joint.find(tag)
+    return None if element is None else element.get(name)
 
 
-def _numbers(text: str, n: int) -> Floats | None:
-    """Return n finite numbers of a text, None if it does not hold them."""
+def _numbers(joint: Any, key: str) -> Floats:
+    """Return the numbers of an attribute, or what it is where it is not given; none that are not finite."""
+    text = _attribute(joint, key)
     try:
-        values = np.array([float(word) for word in text.split()])
+        values = np.array(NUMBERS[key] if text is None else [float(word) for word in text.split()])
     except ValueError:
-        return None
-    return values if values.shape == (n,) and np.isfinite(values).all() else None
+        return np.zeros(0)
+    return values if text is None or np.isfinite(values).all() else np.zeros(0)

@@ -6,7 +6,7 @@ A law adds the pressure of each load to the tactels of its link.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,7 @@ _DIRECTION = 0.5e-3
 
 
 class Loads:
-    """Preallocated columns of surface loads.
+    """Columns of surface loads: preallocated, or of values that are given.
 
     link, s, a (m), force (N)
     indenter      number of the indenter
@@ -31,10 +31,12 @@ class Loads:
     pull_s, pull_a   tangential force per normal force, along s and a
     """
 
-    def __init__(self, capacity: int) -> None:
-        self.n = 0
+    def __init__(self, capacity: int, **given: Any) -> None:
+        self.n = capacity if given else 0
         self.link, self.indenter = np.zeros((2, capacity), np.int32)
         self.s, self.a, self.force, self.radius, self.yaw, self.pull_s, self.pull_a = np.zeros((7, capacity))
+        for name, values in given.items():
+            getattr(self, name)[:] = values
 
 
 class ResponseColumns(NamedTuple):

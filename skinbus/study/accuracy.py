@@ -1,12 +1,10 @@
-"""Accuracy of a family of cases: random touches, the answers, their ratio to the Cramer-Rao bound.
+"""Accuracy of a family of cases: random touches on a skin, and the answers of a level.
 
 ``python -m skinbus.study.accuracy docs/estimator.md`` makes the table of that page.
 
-The ratio of a row is the median over its contacts of (error / standard deviation at the bound of that very
-contact), divided by the same median of ideal estimators: errors drawn from the normal distribution that the
-bound of each contact allows. 1 is the bound. Errors are those of the cases with the right count, contacts
-assigned to touches by least distance in sum. A touch is reached by a tactel that it alone brings to the
-threshold; cases with a touch that reaches fewer than three are left out.
+Errors are those of the cases with the right count, contacts assigned to touches by least distance in sum. A
+touch is reached by a tactel that it alone brings to the threshold; cases with a touch that reaches fewer than
+three are left out.
 """
 
 from __future__ import annotations
@@ -28,17 +26,12 @@ from scipy.optimize import linear_sum_assignment
 
 from skinbus.estimate import LEVELS, Contacts, Estimator
 from skinbus.model import Arm
-from skinbus.study.crb import bound, ideal_distances, position_bound
 from skinbus.study.marked import Marks
 from skinbus.study.skin_models import SKINS, SkinModel
 
 Floats = npt.NDArray[np.float64]
 
 REACHED: Final = 3
-IDEAL_DRAWS: Final = 40
-"""Errors of ideal estimators for each contact: their median is then much surer than the one it is for."""
-NORMAL_MEDIAN: Final = 0.67448975
-"""Median of |z| of a standard normal z."""
 PERIOD_NS: Final = 20_000_000
 INSIDE: Final = 0.015
 """Half the hull of the tactels of the paper's board, m."""
@@ -123,10 +116,6 @@ class Tally:
     """m"""
     force: list[float] = field(default_factory=list)
     """Relative errors."""
-    position_ratio: list[float] = field(default_factory=list)
-    force_ratio: list[float] = field(default_factory=list)
-    ideal: list[float] = field(default_factory=list)
-    """Position ratios of ideal estimators."""
     nees: list[float] = field(default_factory=list)
     """Squared error of (s, a, force) normalised by the reported covariance, over its 3 degrees of freedom."""
 
@@ -138,8 +127,6 @@ class Tally:
     def figures(self) -> dict[str, float]:
         """Return the figures that rows of the tables ask for, by their names."""
         return {
-            "position ratio": _median(self.position_ratio) / max(_median(self.ideal), 1e-300),
-            "force ratio": _median(self.force_ratio) / NORMAL_MEDIAN,
             "count right": self.right / max(self.cases, 1),
             "RMS position mm": 1e3 * _rms(self.position),
             "RMS force %": 1e2 * _rms(self.force),
@@ -160,30 +147,24 @@ def run_chunk(skin_name: str, draw: str, level: str, chunk: int, n: int, seed: i
         contacts = estimator.update(skin.read(skin.feel(touches), rng), tally.cases * PERIOD_NS)
         if len(contacts) == len(touches):
             tally.right += 1
-            _compare(tally, skin, touches, contacts, rng)
+            _compare(tally, skin, touches, contacts)
     return tally
 
 
-def _compare(
-    tally: Tally, skin: SkinModel, touches: Floats, contacts: Contacts, rng: np.random.Generator
-) -> None:
+def _compare(tally: Tally, skin: SkinModel, touches: Floats, contacts: Contacts) -> None:
     """Add the errors of one case."""
     surface = skin.arm.links[0].surface
     distance = surface.distance(touches[:, :1], touches[:, 1:2], contacts.s, contacts.a)
-    bounds = bound(skin.feel, touches, skin.noise)
     for row, column in zip(*linear_sum_assignment(distance), strict=True):
         s, a, force = touches[row]
-        off, away = float(contacts.force[column] - force), float(distance[row, column])
-        error = np.array([contacts.s[column] - s, surface.wrap(contacts.a[column] - a), off])
-        tally.position.append(away)
-        tally.force.append(off / force)
-        if contacts.covariance[column].any():
-            tally.nees.append(float(error @ np.linalg.solve(contacts.covariance[column], error)) / 3.0)
-        if np.isfinite(bounds[row]).all():
-            least = float(position_bound(bounds)[row])
-            tally.position_ratio.append(away / least)
-            tally.force_ratio.append(abs(off) / math.sqrt(bounds[row, 2, 2]))
-            tally.ideal += (ideal_distances(bounds[row : row + 1], IDEAL_DRAWS, rng)[0] / least).tolist()
+        error = np.array(
+            [contacts.s[column] - s, surface.wrap(contacts.a[column] - a), contacts.force[column] - force]
+        )
+        tally.position.append(float(distance[row, column]))
+        tally.force.append(float(error[2] / force))
+        covariance = contacts.covariance[column]
+        if covariance.any():
+            tally.nees.append(float(error @ np.linalg.solve(covariance, error)) / 3.0)
 
 
 FAMILIES: Final = (
@@ -203,7 +184,7 @@ FAMILIES: Final = (
     ("as it ships, thumb", "box thumb", "one 2-20 N"),
 )
 """Title, skin and draw of each family in the table."""
-COLUMNS: Final = ("count right", "RMS position mm", "RMS force %", "position ratio", "covariance")
+COLUMNS: Final = ("count right", "RMS position mm", "RMS force %", "covariance")
 CHUNK, CHUNKS = 250, 4
 """Cases of one piece of work, and pieces; a skin with gains of its own is drawn and calibrated for each."""
 SEED: Final = 90_000
@@ -228,10 +209,6 @@ def write_accuracy(page: Path) -> None:
             figures = tally.figures()
             lines.append(f"| {title} | {level} | {' | '.join(f'{figures[name]:.3g}' for name in COLUMNS)} |")
     marks.write(page, "\n".join(lines))
-
-
-def _median(values: list[float]) -> float:
-    return float(np.median(values)) if values else math.nan
 
 
 def _rms(values: Any) -> float:

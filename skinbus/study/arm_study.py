@@ -88,26 +88,24 @@ class Point:
     latency_ms: float
 
 
-class Truth:
-    """What an arm feels: an elastic layer under discs, fingers of several sizes, pushed straight or not."""
+def truth_of(arm: Arm, inclination: float) -> Callable[[Floats, int, npt.ArrayLike, npt.ArrayLike], Floats]:
+    """Return what an arm feels: an elastic layer under discs, fingers of several sizes, pushed straight or not.
 
-    def __init__(self, arm: Arm, inclination: float) -> None:
-        layer = Elastic()
-        geometry = Geometry.of(arm, discs=layer.discs)
-        geometry.friction = 1.0 if inclination else None
-        self._law = layer.bind(geometry, [Indenter(Shape.DISC, d) for d in DIAMETERS])
-        self._loads, self._arm, self._inclination = Loads(2), arm, inclination
+    It gives pressures (n_tactels,) Pa for touches (n, 3) s, a (m), force (N), their link, the number of each
+    finger and the direction of its push.
+    """
+    layer = Elastic()
+    geometry = Geometry.of(arm, discs=layer.discs)
+    geometry.friction = 1.0 if inclination else None
+    law = layer.bind(geometry, [Indenter(Shape.DISC, d) for d in DIAMETERS])
 
-    def feel(self, touches: Floats, link: int, finger: npt.ArrayLike, towards: npt.ArrayLike) -> Floats:
-        """Return the pressures (n_tactels,) Pa of touches (n, 3): s, a (m), force (N)."""
-        pressures, loads = np.zeros(self._arm.n_tactels), self._loads
-        n = loads.n = len(touches)
-        loads.link[:n], loads.indenter[:n] = link, finger
-        loads.s[:n], loads.a[:n], loads.force[:n] = touches.T
-        loads.pull_s[:n] = self._inclination * np.cos(towards)
-        loads.pull_a[:n] = self._inclination * np.sin(towards)
-        self._law.add(loads, pressures)
+    def feel(touches: Floats, link: int, finger: npt.ArrayLike, towards: npt.ArrayLike) -> Floats:
+        pressures, (s, a, force) = np.zeros(arm.n_tactels), touches.T
+        pull = {"pull_s": inclination * np.cos(towards), "pull_a": inclination * np.sin(towards)}
+        law.add(Loads(len(s), link=link, indenter=finger, s=s, a=a, force=force, **pull), pressures)
         return pressures
+
+    return feel
 
 
 def measure_arm(
@@ -156,10 +154,10 @@ def calibrated_law(arm: Arm, seed: int) -> Law:
     """Return what a calibration of one of the arm's boards makes of its law."""
     placed = arm.patches[0]
     board = Arm.single_patch(placed.patch.tactels_uv, law=placed.patch.law, diameter=placed.patch.diameter)
-    truth, rng = Truth(board, 0.0), np.random.default_rng(seed)
+    feel, rng = truth_of(board, 0.0), np.random.default_rng(seed)
     half = np.abs(placed.patch.tactels_uv).max(axis=0) + 0.5 * _pitch(board)
     touches = np.column_stack([rng.uniform(-half, half, (PRESSES, 2)), rng.uniform(*FORCES, PRESSES)])
-    readings = np.stack([truth.feel(touch[None], 0, 1, 0.0) for touch in touches])
+    readings = np.stack([feel(touch[None], 0, 1, 0.0) for touch in touches])
     readings += NOISE * rng.standard_normal(readings.shape)
     return learn_radial_law(board, touches[:, 0], touches[:, 1], touches[:, 2], readings).law
 
@@ -176,12 +174,12 @@ def _trials(arm: Arm, condition: str, fingers: int, n: int, seed: int) -> Iterat
     """Draw cycles; the same for every level and for all bits."""
     rng = np.random.default_rng([seed, fingers])
     is_shipped, pitch = condition == SHIPPED, _pitch(arm)
-    truth = Truth(arm, INCLINATION if is_shipped else 0.0)
+    feel = truth_of(arm, INCLINATION if is_shipped else 0.0)
     gain = 1.0 + GAIN_SPREAD * rng.standard_normal(arm.n_tactels) if is_shipped else 1.0
     for _ in range(n):
         link, touches = _touches(arm, fingers, pitch, rng)
         finger, towards = rng.integers(len(DIAMETERS), size=fingers), rng.uniform(0.0, math.tau, fingers)
-        noisy = truth.feel(touches, link, finger, towards) * gain
+        noisy = feel(touches, link, finger, towards) * gain
         yield _Trial(touches, link, noisy + NOISE * rng.standard_normal(arm.n_tactels))
 
 

@@ -45,12 +45,8 @@ def generic_law(patch: Patch) -> Radial:
     n = PRESSES * len(DISCS)
     places = np.column_stack([rng.uniform(0.0, width, n), rng.uniform(-0.5 * height, 0.5 * height, n)])
     pressures = NOISE * rng.standard_normal((n, arm.n_tactels))
-    loads = Loads(1)
-    loads.n, loads.force[0] = 1, FORCE
-    for k, row in enumerate(pressures):
-        loads.s[0], loads.a[0] = places[k]
-        loads.indenter[0] = k % len(DISCS)
-        law.add(loads, row)
+    for k, (row, (s, a)) in enumerate(zip(pressures, places, strict=True)):
+        law.add(Loads(1, s=s, a=a, force=FORCE, indenter=k % len(DISCS)), row)
     learned = learn_radial_law(arm, places[:, 0], places[:, 1], np.full(n, FORCE), pressures).law
     # what fingertips differ by scales with the pressure; presses here are all of one force
     return replace(learned, misfit_profile=None, typical_force=0.0)

@@ -1,7 +1,7 @@
 """The skins of the accuracy tables: what is pressed, what it truly feels, and what is read of that.
 
 A skin is an arm as the estimator is given it, and a truth: a layer of the simulator, tactels with gains that
-the estimator is not given, noise and counts. The paper's board, a forearm of it and layouts of triangles feel
+the estimator is not given, noise and counts. The paper's board, a forearm of it and a layout of triangles feel
 by the cone itself. A board of rubber feels by an elastic layer under discs; it is calibrated by presses, or
 has the law that boards ship with.
 """
@@ -38,8 +38,6 @@ PRESSES: Final = 200
 TRANSDUCER: Final = Transducer(full_scale=250e3, bits=12)
 TIP, FINGER, THUMB = 0.001, 0.006, 0.0125
 """m, radii of what presses."""
-SHELL_RADIUS: Final = 0.0716
-"""m, of the tube that lies nearest to the triangles of the shell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +54,7 @@ class SkinModel:
 
 
 def layout(name: str) -> Floats:
-    """Return the tactels of a layout that ships with the study: patch, s, a (m), (n, 3)."""
+    """Return the tactels of a layout that ships with the study: number of the triangle, s, a (m), (n, 3)."""
     source = files("skinbus.study").joinpath("layouts", f"{name}.csv")
     with source.open() as lines:
         return np.loadtxt(lines, delimiter=",", comments="#", ndmin=2)
@@ -65,13 +63,10 @@ def layout(name: str) -> Floats:
 def feel_of(arm: Arm, layer: LayerSettings, indenter: float) -> Callable[[Floats], Floats]:
     """Return what an arm feels under a layer, of touches by a disc of this radius (m)."""
     law = layer.bind(Geometry.of(arm, discs=layer.discs), [Indenter(Shape.DISC, 2.0 * indenter)])
-    loads = Loads(128)
 
     def feel(touches: Floats) -> Floats:
-        pressures = np.zeros(arm.n_tactels)
-        loads.n = len(touches)
-        loads.s[: loads.n], loads.a[: loads.n], loads.force[: loads.n] = touches.T
-        law.add(loads, pressures)
+        pressures, (s, a, force) = np.zeros(arm.n_tactels), touches.T
+        law.add(Loads(len(s), s=s, a=a, force=force), pressures)
         return pressures
 
     return feel
@@ -100,23 +95,6 @@ def cone_forearm(rings: int = 3) -> Arm:
     patch = Patch.default()
     placed = [PlacedPatch(patch=patch, node_id=k, link=0, s=s, a=a) for k, (s, a) in enumerate(places, 1)]
     return Arm("forearm", [Link("forearm", surface)], placed)
-
-
-@lru_cache(maxsize=1)
-def _shell() -> Arm:
-    """Return half a tube of 60 triangles, each a patch of 10 or 11 tactels around their middle."""
-    rows = layout("shell")
-    numbers, place = rows[:, 0].astype(int), rows[:, 1:]
-    margin = 0.008  # m: a pitch around the outer tactels, as between triangles
-    surface = Surface.cylinder(float(place[:, 0].max()) + margin, SHELL_RADIUS)
-    placed = []
-    for node_id, number in enumerate(np.unique(numbers), 1):
-        own = place[numbers == number]
-        s, a = 0.5 * (own.min(axis=0) + own.max(axis=0))
-        width, height = np.ptp(own, axis=0) + margin
-        patch = Patch(tactels_uv=own - (s, a), diameter=4e-3, size=(float(width), float(height)))
-        placed.append(PlacedPatch(patch=patch, node_id=node_id, link=0, s=float(s), a=float(a)))
-    return Arm("shell", [Link("shell", surface)], placed)
 
 
 def _cone_skin(arm_of: Callable[[], Arm], rng: np.random.Generator) -> SkinModel:
@@ -167,7 +145,6 @@ SKINS: Final[dict[str, Callable[[np.random.Generator], SkinModel]]] = {
     "pad": partial(_cone_skin, _pad),
     "forearm": partial(_cone_skin, cone_forearm),
     "hexagon": partial(_cone_skin, lambda: Arm.single_patch(layout("hexagon")[:, 1:])),
-    "shell": partial(_cone_skin, _shell),
     "tip": partial(_calibrated_skin, TIP, TIP),
     "finger": partial(_calibrated_skin, FINGER, FINGER),
     "finger, thumb": partial(_calibrated_skin, FINGER, THUMB),

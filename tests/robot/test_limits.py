@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -28,13 +29,13 @@ def test_a_joint_that_the_urdf_does_not_have_is_a_fault_of_the_arm_file(tmp_path
 def test_positions_from_a_program_are_within_the_limits_but_for_the_slack(tmp_path):
     chain = robot(tmp_path, "").frames.chain
     for value in (-3.0 - 0.9 * SLACK_RAD, 0.0, math.pi / 2, 3.0 + 0.9 * SLACK_RAD):
-        check_positions(chain, [(0, value), (1, -value)])
+        check_positions(chain, np.array([value, -value]))
     for value in (-3.0 - 1.1 * SLACK_RAD, 90.0):
         with pytest.raises(ArgumentError, match=r"'second' at .* rad; wanted -3 to 3 rad.*, not degrees"):
-            check_positions(chain, [(0, 0.0), (1, value)])
+            check_positions(chain, np.array([0.0, value]))
     prismatic = chain._replace(linear=~chain.linear, kinds=("prismatic", "prismatic"))
     with pytest.raises(ArgumentError, match=r"'first' at 250 m; wanted -3 to 3 m.*metres, not mm"):
-        check_positions(prismatic, [(0, 250.0)])
+        check_positions(prismatic, np.array([250.0, np.nan]))
 
 
 @pytest.mark.parametrize(

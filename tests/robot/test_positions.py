@@ -113,6 +113,17 @@ def test_a_fixed_joint_is_always_known():
     np.testing.assert_array_equal(q, [0.7])
 
 
+def test_a_joint_that_is_not_named_stays_where_it_was_until_that_is_too_old():
+    joints = positions(("revolute", "revolute"))
+    for ms in (0, 20, 40):
+        joints.set(ms * MS, [0.3, 0.4])
+    for ms in (60, 80):
+        joints.set(ms * MS, {"j1": 0.4})
+    np.testing.assert_array_equal(joints.at(80 * MS)[0], [0.3, 0.4])
+    joints.set(100 * MS, {"j1": 0.4})
+    assert joints.at(100 * MS) is None
+
+
 def test_a_continuous_joint_goes_the_short_way_round():
     joints = positions(("continuous",))
     for ms, angle in ((0, 3.0), (20, 3.1), (40, 3.2 - 2 * math.pi)):

@@ -1,4 +1,4 @@
-"""The accuracy tables: the study's bound is that of independent code; the rows of layouts and pairs, reduced.
+"""The families of the accuracy table, reduced, and touches that an estimator once got wrong.
 
 Seeds here are below 100, as all seeds of tests and of tuning; the table of the docs has one of its own.
 """
@@ -8,36 +8,11 @@ import pytest
 
 from skinbus.estimate import LEVELS, Estimator
 from skinbus.sim.laws import Elastic
-from skinbus.study.accuracy import DRAWS, run_chunk
-from skinbus.study.crb import bound
-from skinbus.study.skin_models import SKINS, feel_of, layout
-from tests.oracle import crb
-from tests.oracle.fields import cone_field
+from skinbus.study.accuracy import run_chunk
+from skinbus.study.skin_models import SKINS, feel_of
 
 SEED_HERE = 17
 WIDE_CHUNK = 4
-
-
-@pytest.mark.parametrize(
-    ("skin", "draw"), [("pad", "two"), ("forearm", "two on seam"), ("shell", "one anywhere")]
-)
-def test_bound_of_the_study_is_that_of_independent_code(skin, draw):
-    rng = np.random.default_rng(SEED_HERE)
-    here = SKINS[skin](rng)
-    ratios = []
-    for _ in range(20):
-        touches = DRAWS[draw](here.arm, rng)
-        ours = bound(here.feel, touches, here.noise)
-        theirs = crb.bound(
-            here.arm, [(0, *t) for t in touches], cone_field, np.full(here.arm.n_tactels, 200.0)
-        )
-        if theirs is not None and np.isfinite(ours).all():
-            ratios.append(np.sqrt((ours / theirs)[:, [0, 1, 2], [0, 1, 2]]))
-    ratios = np.concatenate(ratios)
-    assert len(ratios) >= 10 * len(touches)  # touches that too few tactels feel have no bound
-    # where the edge of a cone is within a step of a tactel, the difference depends on the step
-    assert np.quantile(np.abs(ratios - 1.0), 0.9) < 1e-3
-    assert np.abs(ratios - 1.0).max() < 0.1
 
 
 def measured(skin, draw, n, level="full"):
@@ -47,18 +22,12 @@ def measured(skin, draw, n, level="full"):
     return figures
 
 
-@pytest.mark.parametrize("skin", ["hexagon", "shell"])
-def test_layouts_of_triangles_reach_the_bound(skin):
-    one = measured(skin, "one anywhere", 250)
-    two = measured(skin, "two anywhere", 150)
-    assert one["count right"] >= 0.99
-    assert two["count right"] >= 0.97
-    for figures in (one, two):
-        # the median of 250 ratios scatters by 4 % (one standard deviation)
-        assert figures["position ratio"] <= 1.12
-        assert figures["force ratio"] <= 1.12
-        # a mean of 250 chi-squares with 3 degrees of freedom, over 3: 5 %
-        assert 0.85 <= figures["covariance"] <= 1.15
+@pytest.mark.parametrize(("draw", "n", "count"), [("one anywhere", 250, 0.99), ("two anywhere", 150, 0.97)])
+def test_a_layout_of_triangles_is_as_good_as_a_grid(draw, n, count):
+    figures = measured("hexagon", draw, n)
+    assert figures["count right"] >= count
+    # a mean of 250 chi-squares with 3 degrees of freedom, over 3: 5 %
+    assert 0.85 <= figures["covariance"] <= 1.15
 
 
 @pytest.mark.parametrize(
@@ -126,10 +95,3 @@ def test_pieces_with_one_seed_are_the_same_wherever_they_run():
     cases = "tip", "one 2 N", "full"
     assert run_chunk(*cases, 3, 10, 5) == run_chunk(*cases, 3, 10, 5)
     assert run_chunk(*cases, 3, 10, 5) != run_chunk(*cases, 4, 10, 5)
-
-
-def test_layouts_fit_the_boards_that_the_protocol_allows():
-    assert len(layout("hexagon")) == 61
-    numbers = layout("shell")[:, 0].astype(int)
-    assert len(numbers) == 642
-    assert np.bincount(numbers).max() <= 64

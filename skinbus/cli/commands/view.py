@@ -78,7 +78,7 @@ def command(
     and the pressures of its readings. With --attach it is shown as a master on this machine writes it to
     shared memory: also covariances, quality and levels. A scene is simulated here, its truth beside it.
     Where an arm and a scene have the same name, the arm is shown if a bus or --attach is given, else the
-    scene. A recording of `skinbus record` or candump is played, at any speed and step by step.
+    scene. A recording of `skinbus record` or candump is played once, at its own speed.
 
     Nothing is fetched from elsewhere, and nothing is sent but the zeros that the page's button asks for. That
     button is on pages opened by the link that is printed, which has a token; other pages only show.
@@ -97,15 +97,17 @@ def command(
         raise SkinbusError(f"the page needs {error.name}: pip install 'skinbus[view]'") from error
     from skinbus.config.system import load_arm
     from skinbus.skin.replayed import replay
-    from skinbus.view.web.player import Follower, Player
+    from skinbus.view.web.follower import Follower
 
     with ExitStack() as stack:
-        shown: Follower | Player
         if recorded is not None:
             if where.interface is not None or where.bitrate is not None or shared is not None:
                 raise click.UsageError("--arm shows a recording: no bus and no shared memory is used")
             title, arm = f"recording {source}", load_arm(recorded, check_load=False)
-            shown = Player(replay(source, arm, channel=where.channels, level=level, zero=zero))
+            played = partial(
+                replay, source, arm, channel=where.channels, level=level, zero=zero, realtime=True
+            )
+            shown = Follower(played, gone="no cycles: the machine is too slow", has_zeros=False)
         else:
             title, arm, opening, again_s, gone = source_of(source, where, shared, level)
             shown = Follower(opening, again_s=again_s, gone=gone)

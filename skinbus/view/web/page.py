@@ -28,7 +28,7 @@ from skinbus.model import Arm
 from skinbus.skin.pressed import PressedLoads
 from skinbus.view.web import colours, panels
 from skinbus.view.web.drawing import Drawer, Drawing
-from skinbus.view.web.player import SPEEDS, Follower, Player
+from skinbus.view.web.follower import Follower
 from skinbus.view.web.poses import Poses
 from skinbus.view.web.scene import SceneNodes
 
@@ -124,7 +124,7 @@ class Page:
     def __init__(
         self,
         arm: Arm,
-        source: Follower | Player,
+        source: Follower,
         title: str,
         *,
         host: str = "127.0.0.1",
@@ -180,12 +180,9 @@ class Page:
             self.server.stop()
 
     async def _run(self, seconds: float | None, is_over: Callable[[], bool]) -> None:
-        begin = last = time.monotonic()
-        while not self._stop.done() and not is_over() and (seconds is None or last - begin < seconds):
+        begin = now = time.monotonic()
+        while not self._stop.done() and not is_over() and (seconds is None or now - begin < seconds):
             now = time.monotonic()
-            if isinstance(self._source, Player):
-                self._source.advance(now - last)
-            last = now
             self.update()
             await asyncio.sleep(max(DRAW_S - (time.monotonic() - now), 0.0))
 
@@ -216,8 +213,6 @@ class Page:
         gui.main_panel.dock_right()
         self._head = gui.add_html("")
         self._legend = gui.add_html(panels.legend())
-        if isinstance(self._source, Player):
-            self._add_playback(gui, self._source)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Forces"):
             self._forces: Any = gui.add_uplot(
@@ -241,36 +236,10 @@ class Page:
 
         full.on_update(change)
 
-    def _add_playback(self, gui: viser.GuiApi, player: Player) -> None:
-        """Add the controls of a recording."""
-        self._slider: Any = gui.add_slider("Time, s", 0.0, 0.01, 0.01, 0.0)
-        buttons = gui.add_button_group("Play", ("Play", "Pause", "-1", "+1"))
-        speed = gui.add_dropdown("Speed", tuple(f"{s:g} x" for s in SPEEDS), initial_value="1 x")
-
-        async def seek(event: viser.GuiEvent[Any]) -> None:
-            if event.client is not None:  # a person has moved it, not the time
-                player.seek(self._slider.value)
-
-        async def press(_: Any) -> None:
-            word = buttons.value
-            if word == "Play":
-                player.play()
-            elif word == "Pause":
-                player.is_playing = False
-            else:
-                player.step(int(word))
-
-        async def change(_: Any) -> None:
-            player.speed = float(speed.value.removesuffix(" x"))
-
-        self._slider.on_update(seek)
-        buttons.on_click(press)
-        speed.on_update(change)
-
     async def _add_zeros(self, client: viser.ClientHandle) -> None:
         """Add the buttons for zeros to a page that may press them."""
         source = self._source
-        if isinstance(source, Player) or not self.server.may_change(client):
+        if not (source.has_zeros and self.server.may_change(client)):
             return
         names = [panels.board_name(self._arm, p) for p in range(self._arm.n_patches)]
         board = client.gui.add_dropdown("Zero", ("all boards", *names))
@@ -291,13 +260,11 @@ class Page:
         source, cycle, drawing = self._source, self._source.newest, self.drawing
         is_stale = drawing is not None and drawing.is_stale
         is_blind = drawing is not None and not (is_stale or drawing.has_readings)
-        notes = (self._poses.note, "no readings from this source: tactels are grey" if is_blind else "")
+        blind = "no readings from this source: tactels are grey" if is_blind else ""
+        notes = (self._poses.note, self.scene.note, blind)
         self._head.content = panels.head(
             self._title, source, cycle, is_stale=is_stale, n_drawn=self.n_drawn, notes=notes
         )
-        if isinstance(source, Player):
-            self._slider.max = max(round(source.length_s, 2), 0.01)
-            self._slider.value = min(round(source.seconds, 2), self._slider.max)
         if cycle is None:
             return
         self._boards.content = panels.boards(cycle, self._arm, self._pressed.of(cycle.readings))

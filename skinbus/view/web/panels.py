@@ -14,7 +14,7 @@ from skinbus.printable import printable
 from skinbus.skin.cycle import Cycle, CycleFlags, PatchState, TactelFault
 from skinbus.skin.pressed import Loads
 from skinbus.view.web import colours
-from skinbus.view.web.player import Floats, Follower, Player
+from skinbus.view.web.follower import Floats, Follower
 
 STATES: Final = {
     PatchState.UNUSED: ("not in the arm file", "lost"),
@@ -140,7 +140,7 @@ def cycle_table(cycle: Cycle, latencies_s: Floats, period_ms: float) -> str:
 
 def head(
     title: str,
-    source: Follower | Player,
+    source: Follower,
     cycle: Cycle | None,
     *,
     is_stale: bool,
@@ -160,7 +160,7 @@ def head(
     )
 
 
-def state_of(source: Follower | Player, cycle: Cycle | None, *, is_stale: bool) -> tuple[str, str]:
+def state_of(source: Follower, cycle: Cycle | None, *, is_stale: bool) -> tuple[str, str]:
     """Return the state of the source in a word or two, and how good that is."""
     if source.error is not None:
         return f"ended: {source.error}", "lost"

@@ -29,6 +29,8 @@ class Poses:
         """(n_links, 4, 4)"""
         self.note = ""
         """What is assumed, for people; empty for nothing."""
+        self.bones: Floats = np.zeros((0, 2, 3))
+        """(n, 2, 3) lines from joint to joint of the robot, and to its tool, m."""
         self._frames = None
         if arm.robot is None:
             lengths = [float(link.surface.position(link.surface.length, 0.0)[0][0]) for link in arm.links]
@@ -44,7 +46,7 @@ class Poses:
         rest = np.clip(0.0, chain.lower, chain.upper)
         self.positions = np.array([fixed.get(n, q) for n, q in zip(chain.names, rest, strict=True)], float)
         """(n_joints,) rad or m, in the order of the chain."""
-        self.X_BS = self._frames.surface_poses(self.positions)
+        self._stand()
         if unknown := [name for name in chain.names if name not in fixed]:
             self.note = f"positions are not known of {', '.join(unknown)}: drawn at 0"
 
@@ -64,8 +66,16 @@ class Poses:
         if not self.note and np.abs(positions - self.positions).max() < least:
             return False
         self.positions, self.note = positions.copy(), ""
-        self.X_BS = self._frames.surface_poses(positions)
+        self._stand()
         return True
+
+    def _stand(self) -> None:
+        """Compute where links and joints are at the positions."""
+        assert self._frames is not None
+        chain, (X_BJ, X_BF) = self._frames.chain, self._frames.poses(self.positions)
+        self.X_BS = X_BF[: len(self.X_BS)]
+        begins = X_BJ[[*chain.parent, chain.carrier[-1]], :3, 3]
+        self.bones = np.stack([begins, [*X_BJ[:-1, :3, 3], X_BF[-1, :3, 3]]], 1)
 
 
 def placed(X: Floats, points: npt.NDArray[np.floating]) -> Floats:

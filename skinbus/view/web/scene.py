@@ -53,6 +53,8 @@ SUN: Final = 0.15 * FILL
 PLAIN: Final[dict[str, Any]] = {"cast_shadow": False, "receive_shadow": False}
 LINES: Final = {"boards": 3.0, "ellipses": 2.5, "truths": 2.5}
 """Lines of a drawing, and their thickness in pixels."""
+BONES: Final = 12.0
+"""Pixels, of the lines from joint to joint that are drawn of a robot; its shapes hide them."""
 
 
 class SceneNodes:
@@ -69,17 +71,7 @@ class SceneNodes:
         self._links = [scene.add_frame(f"/link {k}", show_axes=False) for k in range(len(arm.links))]
         self._bodies = [link_mesh(link.surface) for link in arm.links]
         self._tactels = [self._add_link(k) for k in range(len(arm.links))]
-        self._lines: dict[str, Any] = {
-            name: scene.add_line_segments(
-                f"/{name}",
-                np.zeros((1, 2, 3)),
-                np.zeros((1, 2, 3), np.uint8),
-                thickness=thickness,
-                thickness_units="screen",
-                visible=False,
-            )
-            for name, thickness in LINES.items()
-        }
+        self._lines = {name: self._add_lines(name, thickness) for name, thickness in LINES.items()}
         self._arrows: dict[str, Any] = {
             name: scene.add_arrows(
                 f"/{name}", np.zeros((1, 2, 3)), np.zeros((1, 3), np.uint8), visible=False, **size
@@ -90,9 +82,15 @@ class SceneNodes:
             scene.add_label(f"/label {n}", "", visible=False, anchor="bottom-center", depth_test=True)
             for n in range(N_LABELS)
         ]
+        self.note = ""
+        """What of the robot is not drawn, for people; empty for nothing."""
+        self._bones = self._add_lines("bones", BONES)
+        self._bones.visible = bool(len(poses.bones))
         self._robot = self._add_robot()
         self.move()
-        self.aim()
+        camera: Any = server.initial_camera
+        camera.up, camera.fov = (0.0, 0.0, 1.0), 0.8
+        self._aim(camera, ASPECT)
         server.on_client_connect(self._watch)
 
     def _add_link(self, k: int) -> Any:
@@ -120,6 +118,16 @@ class SceneNodes:
             **PLAIN,
         )
 
+    def _add_lines(self, name: str, thickness: float) -> Any:
+        return self._server.scene.add_line_segments(
+            f"/{name}",
+            np.zeros((1, 2, 3)),
+            np.zeros((1, 2, 3), np.uint8),
+            thickness=thickness,
+            thickness_units="screen",
+            visible=False,
+        )
+
     def _add_robot(self) -> Any:
         """Add the links of the robot as its URDF shows them, as far as its meshes can be read."""
         if self._arm.robot is None:
@@ -132,22 +140,30 @@ class SceneNodes:
             urdf = URDF.load(self._arm.robot.urdf)
             base = self._arm.robot.base or urdf.base_link
             X_BR = np.linalg.inv(urdf.get_transform(base, urdf.base_link))
-            self._server.scene.add_frame(
-                "/robot",
-                show_axes=False,
-                wxyz=viser.transforms.SO3.from_matrix(X_BR[:3, :3]).wxyz,
-                position=X_BR[:3, 3],
-            )
+            self._place(self._server.scene.add_frame("/robot", show_axes=False), X_BR)
             body = colours.for_mesh(colours.ROBOT)
-            return ViserUrdf(self._server, urdf, root_node_name="/robot", mesh_color_override=body)
-        except Exception:  # noqa: BLE001 - whatever a file of meshes has in it: the skin is shown without
+            robot = ViserUrdf(self._server, urdf, root_node_name="/robot", mesh_color_override=body)
+        except Exception as error:  # noqa: BLE001 - whatever a file of meshes has in it: the skin is shown without
+            self.note = f"the robot is drawn as lines: {type(error).__name__}: {error}"
             return None
+        n = sum(len(link.visuals) for link in urdf.robot.links)
+        if missing := n - len(urdf.scene.geometry):
+            self.note = (
+                f"{missing} of {n} shapes of the URDF are not found: the robot is drawn as lines there"
+            )
+        return robot
+
+    def _place(self, node: Any, X: npt.NDArray[np.float64]) -> None:
+        node.wxyz, node.position = viser.transforms.SO3.from_matrix(X[:3, :3]).wxyz, X[:3, 3]
 
     def move(self) -> None:
         """Put the links where the poses have them."""
         for node, X in zip(self._links, self._poses.X_BS, strict=True):
-            node.wxyz = viser.transforms.SO3.from_matrix(X[:3, :3]).wxyz
-            node.position = X[:3, 3]
+            self._place(node, X)
+        if self._bones.visible:
+            self._bones.points = self._poses.bones.astype(np.float32)
+            grey = colours.for_instances(colours.ROBOT)
+            self._bones.colors = np.tile(grey, (len(self._poses.bones), 2, 1))
         if self._robot is not None:
             self._robot.update_cfg(self._poses.joints)
 
@@ -169,26 +185,34 @@ class SceneNodes:
                 label.position, label.text = drawing.labels[n]
 
     def aim(self) -> None:
-        """Point the cameras at the whole arm as it stands, from the side and above."""
-        corners = [placed(X, mesh[0]) for X, mesh in zip(self._poses.X_BS, self._bodies, strict=True)]
-        low, high = np.concatenate(corners).min(0), np.concatenate(corners).max(0)
-        self._middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
-        self._away = size * VIEW
-        camera: Any = self._server.initial_camera
-        camera.up, camera.near, camera.fov = (0.0, 0.0, 1.0), 0.01 * size, 0.8
-        for seen in (camera, *(client.camera for client in self._server.get_clients().values())):
-            seen.position, seen.look_at = self._middle + self._away, self._middle
+        """Point the cameras at the whole arm as it stands."""
+        self._aim(self._server.initial_camera, ASPECT)
+        for client in self._server.get_clients().values():
+            self._aim(client.camera, client.camera.aspect)
 
     async def _watch(self, client: viser.ClientHandle) -> None:
-        """Show the whole arm on a phone: from farther away, while the camera is where it begins."""
+        """Show a page that is opened the arm as it stands now, also once its layout is known."""
+        aspect = client.camera.aspect
+        begin = self._aim(client.camera, aspect)
 
-        async def step_back(seen: viser.CameraHandle) -> None:
-            begin, near = self._middle + self._away, 1e-3 * float(np.linalg.norm(self._away))
-            if np.allclose(seen.position, begin, atol=near) and seen.aspect < ASPECT:
-                seen.position = self._middle + self._away * ASPECT / seen.aspect
-                seen.look_at = self._middle  # it has moved along
+        async def fit(seen: viser.CameraHandle) -> None:
+            nonlocal aspect, begin
+            if seen.aspect != aspect and np.allclose(seen.position, begin, atol=1e-3):
+                aspect = seen.aspect
+                begin = self._aim(seen, aspect)
 
-        client.camera.on_update(step_back)
+        client.camera.on_update(fit)
+
+    def _aim(self, camera: Any, aspect: float) -> npt.NDArray[np.float64]:
+        """Point a camera at the whole arm, on a phone from farther away; return where it is."""
+        corners = [placed(X, mesh[0]) for X, mesh in zip(self._poses.X_BS, self._bodies, strict=True)]
+        points = np.concatenate([*corners, self._poses.bones.reshape(-1, 3)])
+        low, high = points.min(0), points.max(0)
+        middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
+        camera.near = 0.01 * size
+        position = np.asarray(middle + size * VIEW * max(1.0, ASPECT / aspect))
+        camera.position, camera.look_at = position, middle
+        return position
 
 
 def link_mesh(surface: Surface) -> Mesh:

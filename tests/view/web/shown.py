@@ -2,8 +2,8 @@
 
 import threading
 
+from skinbus.view.web.follower import History
 from skinbus.view.web.page import Page
-from skinbus.view.web.player import History
 
 
 class Shown:
@@ -30,7 +30,8 @@ class Shown:
 class Fixed:
     """A source whose cycle stays as it is, until it is another's turn."""
 
-    silent_s, pace, error, has_ended, gone = 0.0, 1.0, None, False, "no cycles: bus or master is gone"
+    silent_s, pace, error, has_ended, has_zeros = 0.0, 1.0, None, False, True
+    gone = "no cycles: bus or master is gone"
 
     def __init__(self, *cycles):
         self.history, self.newest = History(), cycles[-1]

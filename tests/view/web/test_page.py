@@ -6,15 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skinbus.can.candump import CandumpWriter
 from skinbus.sim import load_scene
-from skinbus.skin.replayed import replay
 from skinbus.skin.simulated import simulate
 from skinbus.view.web import colours
-from skinbus.view.web.player import Follower, Player
+from skinbus.view.web.follower import Follower
 from tests.cli.patience import PATIENCE_S
-from tests.master.rig import Rig
-from tests.skin.scenes import write
 from tests.view.web import cycles, pictures
 from tests.view.web.browser import CHROMIUM, chromium, on_screen
 from tests.view.web.shown import Fixed, Shown
@@ -148,32 +144,6 @@ def test_zero_makes_what_is_read_now_the_zero(shown, tab):
     tab.wait_until_said("zero all boards: done")
     eventually(lambda: np.abs(shown.source.newest.readings.pressures).max() < 3000.0)
     assert tab.errors == []
-
-
-@pytest.mark.slow
-def test_recording_is_played_and_stepped(open_tab, tmp_path):
-    rig = Rig(write(tmp_path), level="fit")
-    with CandumpWriter(tmp_path / "field.log") as writer:
-        rig.wire.tap(writer)
-        rig.run(1000)
-    player = Player(replay(tmp_path / "field.log", "pad"))
-    shown = Shown(player, rig.scene.arm)
-    try:
-        tab = open_tab(shown.url)
-        eventually(lambda: player.has_ended)
-        tab.page.get_by_text("ended").wait_for(state="attached")
-        tab.page.locator('input[type="text"]').first.fill("0.4")
-        tab.page.keyboard.press("Enter")
-        eventually(lambda: abs(player.seconds - 0.4) < 0.02)
-        number = player.number
-        tab.page.get_by_text("+1", exact=True).click()
-        eventually(lambda: player.number == number + 1)
-        eventually(lambda: shown.page.drawing.number == number + 2)
-        assert len(shown.page.drawing.labels) == 1
-        assert tab.errors == []
-        assert tab.strangers(shown.page.server.get_port()) == []
-    finally:
-        shown.close()
 
 
 @pytest.fixture(scope="module")

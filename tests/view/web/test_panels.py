@@ -8,7 +8,7 @@ import pytest
 from skinbus.skin.cycle import CycleFlags, PatchState
 from skinbus.skin.pressed import PressedLoads
 from skinbus.view.web import panels
-from skinbus.view.web.player import History
+from skinbus.view.web.follower import History
 from tests.view.web.cycles import ARM, made_cycle
 
 

@@ -15,8 +15,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from skinbus.skin.cycle import PatchState
+from skinbus.view.web.follower import History
 from skinbus.view.web.page import CLIENTS, Page, is_own
-from skinbus.view.web.player import History
 from tests.cli.patience import PATIENCE_S, TRIES
 from tests.view.web.cycles import ARM, made_cycle
 from tests.view.web.shown import Fixed, Shown
@@ -102,7 +102,7 @@ GROWTH = 100
 class Hour:
     """Cycles of an hour, one in six seconds: contacts come and go, boards are lost and come back."""
 
-    silent_s, pace, error, has_ended, n_cycles, gone = 0.0, 1.0, None, False, 0, ""
+    silent_s, pace, error, has_ended, has_zeros, n_cycles, gone = 0.0, 1.0, None, False, True, 0, ""
 
     def __init__(self):
         self.history, self.newest = History(), None

@@ -1,4 +1,4 @@
-"""A source is followed cycle by cycle; a recording is played to where it is wanted."""
+"""A source is followed cycle by cycle, and opened again when it has ended."""
 
 import threading
 import time
@@ -6,13 +6,9 @@ import time
 import numpy as np
 import pytest
 
-import skinbus
-from skinbus.can.candump import CandumpWriter
-from skinbus.errors import ConfigError, ShareError
-from skinbus.view.web.player import Follower, History, Player
+from skinbus.errors import ShareError
+from skinbus.view.web.follower import Follower, History
 from tests.cli.patience import PATIENCE_S
-from tests.master.rig import Rig
-from tests.skin.scenes import write
 from tests.view.web.cycles import made_cycle
 
 
@@ -86,6 +82,16 @@ def test_source_that_ends_is_over():
     assert (source.zeroed, source.n_closed) == ([3], 1)
 
 
+def test_a_slow_simulation_is_not_silent_before_ten_of_its_own_periods():
+    source = Source(made_cycle(1))
+    source.pace = 0.01
+    follower = Follower(lambda: source)
+    until(lambda: follower.has_ended)
+    follower._came_s -= 5.0
+    assert follower.silent_s == pytest.approx(0.05, abs=0.02)
+    follower.close()
+
+
 def test_source_is_opened_again_and_what_ended_it_is_forgotten_when_it_is_back():
     done = threading.Event()
 
@@ -109,79 +115,3 @@ def test_source_is_opened_again_and_what_ended_it_is_forgotten_when_it_is_back()
     assert not follower.has_ended
     follower.close()
     assert follower.has_ended
-
-
-@pytest.fixture(scope="module")
-def log(tmp_path_factory):
-    """A recording of a second."""
-    folder = tmp_path_factory.mktemp("field")
-    rig = Rig(write(folder), level="fit")
-    with CandumpWriter(folder / "field.log") as writer:
-        rig.wire.tap(writer)
-        rig.run(1000)
-    return folder / "field.log"
-
-
-def player_of(log):
-    player = Player(skinbus.replay(log, "pad"))
-    until(lambda: player.is_complete)
-    return player
-
-
-@pytest.fixture(scope="module")
-def player(log):
-    player = player_of(log)
-    assert player.error is None
-    yield player
-    player.close()
-
-
-@pytest.mark.slow
-def test_player_has_the_cycles_of_the_recording(player, log):
-    with skinbus.replay(log, "pad") as skin:
-        cycles = list(skin)
-    assert player.n_cycles == len(cycles)
-    for k, cycle in enumerate(cycles):
-        kept = player[k]
-        for name in ("number", "t_ns", "counter", "level"):
-            assert getattr(kept, name) == getattr(cycle, name)
-        assert kept.records.tobytes() == cycle.records.tobytes()
-        assert kept.readings.pressures == pytest.approx(cycle.readings.pressures, rel=1e-6)
-        player.seek(player.seconds_of(k))
-        assert player.number == k
-
-
-def test_player_goes_to_where_it_is_sent(player):
-    player.play()
-    player.seek(0.0)
-    player.advance(0.2)
-    number = player.number
-    assert player.newest.number == number + 1
-    assert player.seconds_of(number) == pytest.approx(0.2, abs=0.011)
-    player.speed = 0.5
-    player.advance(0.2)
-    assert player.seconds == pytest.approx(0.3)
-    number = player.number
-    player.step(-1)
-    assert player.newest.number == number
-    player.advance(1.0)
-    assert player.newest.number == number
-    player.seek(1e9)
-    assert player.has_ended
-    player.play()
-    assert player.seconds == 0.0
-    player.seek(0.45)
-    assert len(player.newest.contacts) == 1
-    assert player.history.forces(6)[1] == [1]
-    player.seek(0.05)
-    assert player.newest.contacts == ()
-    assert player.history.forces(6)[1] == []
-
-
-def test_fault_of_a_recording_ends_the_making(log, tmp_path):
-    path = tmp_path / "other.log"
-    lines = [line for line in log.read_text().splitlines() if " 080#" in line]
-    path.write_text("\n".join(lines) + "\n")
-    player = player_of(path)
-    assert isinstance(player.error, ConfigError)
-    player.close()

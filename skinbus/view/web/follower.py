@@ -1,13 +1,11 @@
-"""Where the page has its cycles from: a source that is followed, or a recording that is played."""
+"""Where the page has its cycles from: a source that is followed, and what it had in the last seconds."""
 
 from __future__ import annotations
 
-import bisect
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -23,7 +21,6 @@ PATIENCE_S: Final = 2.0
 SPAN_NS: Final = 20_000_000_000
 STEP_NS: Final = 100_000_000
 """Of the plot of forces."""
-SPEEDS: Final = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 
 
 class History:
@@ -80,6 +77,7 @@ class Follower:
         *,
         again_s: float | None = None,
         gone: str = "no cycles: bus or master is gone",
+        has_zeros: bool = True,
     ) -> None:
         """Open the source and begin to follow; ``close`` ends it.
 
@@ -87,6 +85,7 @@ class Follower:
             opening: opens the source.
             again_s: when it has ended it is opened again after so long, s; None: then it is over.
             gone: what to say when no cycles come.
+            has_zeros: whether zeros can be taken; a recording has its own.
         """
         self.history = History()
         self.newest: Cycle | None = None
@@ -94,7 +93,7 @@ class Follower:
         self.n_cycles = 0
         """Cycles that came."""
         self.n_opened = 1
-        self.gone = gone
+        self.gone, self.has_zeros = gone, has_zeros
         self.error: Exception | None = None
         """What has ended the source, if that was an error; None again when it is back."""
         self._opening = opening
@@ -107,8 +106,8 @@ class Follower:
 
     @property
     def silent_s(self) -> float:
-        """Time since the newest cycle came, s."""
-        return time.monotonic() - self._came_s
+        """Time since the newest cycle came, s of the source: a slow simulation is not a silent one."""
+        return (time.monotonic() - self._came_s) * min(self.pace, 1.0)
 
     @property
     def pace(self) -> float:
@@ -147,117 +146,3 @@ class Follower:
                 return
             self._skin.close()
             self.n_opened += 1
-
-
-class Player:
-    """A recording made once, as fast as the machine can, and played: where it stands, how fast, step by step.
-
-    Its cycles are kept in memory; time goes on by ``advance`` only.
-    """
-
-    silent_s, pace, gone = 0.0, 1.0, ""
-
-    def __init__(self, skin: Skin) -> None:
-        self.seconds = 0.0
-        """Where it stands, s after the first cycle."""
-        self.speed = 1.0
-        self.is_playing = True
-        self.history = History()
-        self.error: Exception | None = None
-        """What has ended the making, if that was an error."""
-        self._skin = skin
-        self._cycles: list[Cycle] = []
-        self._times: list[int] = []
-        self._shown = -1
-        self._keep(skin.latest())
-        self._thread = threading.Thread(target=self._make, name="skinbus-view", daemon=True)
-        self._thread.start()
-
-    @property
-    def n_cycles(self) -> int:
-        """Cycles there are so far."""
-        return len(self._times)
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether all cycles are there."""
-        return not self._thread.is_alive()
-
-    @property
-    def length_s(self) -> float:
-        """Time from the first cycle to the last so far, s."""
-        return self.seconds_of(self.n_cycles - 1)
-
-    @property
-    def number(self) -> int:
-        """Number of the cycle where it stands, from 0."""
-        return self._at(self.seconds)
-
-    @property
-    def has_ended(self) -> bool:
-        """Whether it stands at the end of a recording that is complete."""
-        return self.is_complete and self.number >= self.n_cycles - 1
-
-    @property
-    def newest(self) -> Cycle:
-        """The cycle where it stands."""
-        number = self.number
-        first = self._shown + 1
-        if not 0 < first <= number + 1:  # another time: the last twenty seconds anew
-            self.history = History()
-            first = self._at(max(self.seconds_of(number) - 1e-9 * SPAN_NS, 0.0))
-        for k in range(first, number + 1):
-            self.history.take(self[k])
-        self._shown = number
-        return self[number]
-
-    def __getitem__(self, number: int) -> Cycle:
-        """Return a cycle; its own number counts from 1."""
-        return self._cycles[number]
-
-    def seconds_of(self, number: int) -> float:
-        """Return when a cycle was, s after the first."""
-        return 1e-9 * (self._times[number] - self._times[0])
-
-    def advance(self, elapsed_s: float) -> None:
-        """Let time go on, as far as the recording is made."""
-        if self.is_playing:
-            self.seek(self.seconds + self.speed * elapsed_s)
-            self.is_playing = not self.has_ended
-
-    def seek(self, seconds: float) -> None:
-        """Go to a time."""
-        self.seconds = min(max(seconds, 0.0), self.length_s)
-
-    def step(self, n: int) -> None:
-        """Stand still, and go on by cycles."""
-        self.is_playing = False
-        self.seconds = self.seconds_of(min(max(self.number + n, 0), self.n_cycles - 1))
-
-    def play(self) -> None:
-        """Go on, from the begin where it stands at the end."""
-        if self.has_ended:
-            self.seconds = 0.0
-        self.is_playing = True
-
-    def close(self) -> None:
-        """Stop."""
-        self._skin.close()
-        self._thread.join()
-
-    def _at(self, seconds: float) -> int:
-        """Return the number of the last cycle at so many seconds after the first."""
-        return max(bisect.bisect_right(self._times, self._times[0] + round(1e9 * seconds)) - 1, 0)
-
-    def _make(self) -> None:
-        try:
-            for cycle in self._skin:
-                self._keep(cycle)
-        except Exception as error:  # noqa: BLE001 - shown on the page
-            self.error = error
-
-    def _keep(self, cycle: Cycle) -> None:
-        pressures = cycle.readings.pressures.astype(np.float32)
-        cycle.readings = replace(cycle.readings, pressures=pressures)  # type: ignore[arg-type]
-        self._cycles.append(cycle)
-        self._times.append(cycle.t_ns)
