@@ -1,7 +1,7 @@
 """Triangle meshes of links: read from STL, OBJ or PLY, checked, and mended where that is safe.
 
-Mended: corners that coincide are joined, triangles without area and doubled ones are left out; a closed surface
-is turned outward, with a message. Refused: what is not one connected surface, wound alike, in which
+Mended: corners that coincide are joined, triangles without area and doubled ones are left out; a closed
+surface is turned outward, with a message. Refused: what is not one connected surface, wound alike, in which
 at most two triangles meet at an edge, and what is too large or of a size that no link has. Open rims are
 reported: geodesics go around them.
 """

@@ -131,7 +131,7 @@ def _faults(root: Any) -> Iterator[Fault]:
             elif name in seen:
                 yield Fault(_at(element, "name"), name, "a name that no other has")
             seen.add(name)
-    names = {link.get("name") for link in links}
+    names = {link.get("name") for link in links} - {None}
     child_of: dict[str, str] = {}
     for joint in joints:
         kind, child = joint.get("type"), _link(joint, "child")
@@ -151,7 +151,7 @@ def _faults(root: Any) -> Iterator[Fault]:
             yield Fault(_at(joint, "child"), child, f"a link that {child_of[child]} does not carry already")
         elif child:
             child_of[child] = joint.get("name", "another joint")
-    roots = sorted(name for name in names if name and name not in child_of)
+    roots = sorted(names - {*child_of})
     if len(roots) > 1:
         yield Fault(_at(root), ", ".join(roots), "one root: a link that no joint carries")
 

@@ -89,7 +89,7 @@ class Point:
 
 
 def truth_of(arm: Arm, inclination: float) -> Callable[[Floats, int, npt.ArrayLike, npt.ArrayLike], Floats]:
-    """Return what an arm feels: an elastic layer under discs, fingers of several sizes, pushed straight or not.
+    """Return what an arm feels: an elastic layer under fingers of several sizes, pushed straight or not.
 
     It gives pressures (n_tactels,) Pa for touches (n, 3) s, a (m), force (N), their link, the number of each
     finger and the direction of its push.

@@ -1,9 +1,9 @@
 """The skins of the accuracy tables: what is pressed, what it truly feels, and what is read of that.
 
 A skin is an arm as the estimator is given it, and a truth: a layer of the simulator, tactels with gains that
-the estimator is not given, noise and counts. The paper's board, a forearm of it and a layout of triangles feel
-by the cone itself. A board of rubber feels by an elastic layer under discs; it is calibrated by presses, or
-has the law that boards ship with.
+the estimator is not given, noise and counts. The paper's board, a forearm of it and a layout of triangles
+feel by the cone itself. A board of rubber feels by an elastic layer under discs; it is calibrated by presses,
+or has the law that boards ship with.
 """
 
 from __future__ import annotations
