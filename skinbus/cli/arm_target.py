@@ -25,6 +25,6 @@ def arm_target(arm: str, path: Path, loaded: Arm, out: Path | None) -> tuple[Pat
     if out is None and str(path) != arm:
         raise click.UsageError(f"{arm} ships with skinbus and is not written; say where to by --out")
     target, arm_file = out or path, read_arm_file(path)
-    output.try_to_write(target)
+    output.try_to_write(target, ".toml")
     output.keep_files([target], arm, arm_file.files[1:])  # the first is the arm file
     return target, arm_file

@@ -1,17 +1,16 @@
-"""What a calibration came to: the law, the boards side by side, whether it is good; as text and a page."""
+"""What a calibration came to: the law, the boards side by side, whether it is good."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from skinbus.cli.formatting import counted, span
-from skinbus.estimate.calibration import Calibration, GateFinding, Judgement
+from skinbus.estimate.calibration import GateFinding, Judgement
 from skinbus.estimate.calibration.gate import MAX_ERROR_M, SAME
-from skinbus.model import Radial
 
 Ints = npt.NDArray[np.intp]
 
@@ -24,8 +23,6 @@ BETTER: Final = (
     "known forces (`force_n`)"
 )
 BOARDS: Final = ("node", "presses", "left out", "gain", "spread %", "noise Pa", "error mm")
-ENLARGED: Final = 10.0
-"""By which deviations are drawn over a board: half a millimetre is then half a pitch."""
 
 
 def report(judged: Judgement) -> str:
@@ -99,55 +96,3 @@ def board_rows(judged: Judgement) -> Iterator[Sequence[object]]:
             arm.node_label(p), mine.sum(), (mine & ~judged.kept).sum(), f"{gain.mean():.3f}",
             f"{100 * gain.std() / gain.mean():.1f}", f"{np.median(noise):.0f}", f"{error:.2f}",
         )  # fmt: skip
-
-
-def sections(judged: Judgement, lines: Ints, words: str) -> Iterator[tuple[str, Any]]:
-    """Return the parts of a page on one kind of board; ``words`` are the verdict."""
-    arm, learned = judged.table.arm, judged.calibration
-    n_tactels = arm.patches[0].patch.n_tactels
-    yield f"Boards of {n_tactels} tactels{', refused' if judged.faults else ''}", f"{report(judged)}\n{words}"
-    yield "", [BOARDS, *board_rows(judged)]
-    if learned is not None:
-        yield "", _figure(judged, learned)
-        numbers = zip(arm.tactel_patch, learned.gain, learned.width, learned.noise, strict=True)
-        rows = [
-            (arm.node_label(p), k - arm.patch_start[p] + 1, f"{gain:.3f}", f"{width:.3f}", f"{noise:.0f}")
-            for k, (p, gain, width, noise) in enumerate(numbers)
-        ]
-        yield "Tactels", [("node", "tactel", "gain", "width", "noise Pa"), *rows]
-    if len(judged.outliers):
-        mm = np.round(1e3 * np.stack([judged.table.s, judged.table.a], -1), 1).tolist()
-        rows = [(lines[k], arm.node_label(judged.table.patch[k]), *mm[k]) for k in judged.outliers]
-        yield (
-            "Presses left out: they deviate far more than the others",
-            [("line of the file", "node", "s, mm", "a, mm"), *rows],
-        )
-
-
-def _figure(judged: Judgement, learned: Calibration) -> Any:
-    """Draw the profile of the law, and where presses on the boards are found against where they were."""
-    from skinbus.study.draw import new_figure
-
-    arm, uv = judged.table.arm, 1e3 * judged.table.uv()
-    figure, ((profile, *boards),) = new_figure(1 + arm.n_patches, width=4.0)
-    for law, label in ((learned.law, "learned"), (arm.patches[0].patch.law, "before")):
-        if isinstance(law, Radial):
-            d, force = np.linspace(0.0, law.step * (len(law.table) - 1), 200), law.typical_force or 1.0
-            profile.plot(1e3 * d, np.asarray(law.pressure(d, force)) / force / 1e3, label=label)
-    profile.set(xlabel="distance from the press (mm)", ylabel="pressure of 1 N or unit of force (kPa)")
-    profile.legend()
-    for p, axes in enumerate(boards):
-        for rows, mark in ((judged.kept, "b."), (~judged.kept, "rD")):
-            axes.plot(*uv[rows & (judged.table.patch == p)].T, mark)
-        if judged.errors is not None:
-            shown = (judged.table.patch == p) & judged.kept & judged.errors.found
-            axes.quiver(
-                *uv[shown].T,
-                *(1e3 * judged.errors.uv[shown].T),
-                angles="xy",
-                scale_units="xy",
-                scale=1 / ENLARGED,
-            )
-        title = f"{arm.node_label(p)}: errors, {ENLARGED:g} times as long; red: left out"
-        axes.set(title=title, xlabel="u (mm)", ylabel="v (mm)", aspect="equal")
-    return figure

@@ -15,9 +15,7 @@ import numpy as np
 
 from skinbus.bus.monotonic_clock import sharpen_timers
 from skinbus.bus.socketcan_batch import CANFD_MTU
-from skinbus.cli.formatting import counted
 from skinbus.errors import BusError
-from skinbus.jit.kernel_files import kernel_folder
 from skinbus.skin.addresses import BusAddress
 
 NET: Final = Path("/sys/class/net")
@@ -109,18 +107,6 @@ def check_machine() -> Iterator[Finding]:
     p99 = np.percentile(late_us, 99)
     how = f"{service}, end other work, set the CPU to `performance` (cpupower), or take a PREEMPT_RT kernel"
     yield _found("wake-ups", f"late by {p99:.0f} us (p99)", bool(p99 >= LATE_US), how)
-
-
-def check_cache() -> Iterator[Finding]:
-    """Are compiled kernels kept on disk, so that only the first start is slow?"""
-    folder = kernel_folder()
-    if folder.path is None:
-        advice = "set NUMBA_CACHE_DIR to a folder of this user; until then every start compiles the kernels"
-        yield Finding("kernel cache", f"none: {folder.fault}", advice)
-        return
-    n = len(folder.names())
-    advice = "" if n else "skinbus doctor warm  (compiles them once)"
-    yield Finding("kernel cache", f"{counted(n, 'kernel')} in {folder.path}", advice)
 
 
 def _settings(place: BusAddress) -> str:

@@ -11,7 +11,7 @@ from typing import Any, Self
 from skinbus.bus.core_thread import CoreThread
 from skinbus.bus.interface import Bus
 from skinbus.bus.loop import LoopReport
-from skinbus.can.core import Core, Step
+from skinbus.can.core import Core
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.cli.console import Console
@@ -74,8 +74,6 @@ class Host:
         *open_buses: Callable[[], Bus],
         final_frames: Callable[[int], Sequence[Frame]] | None = None,
         say: Callable[[str], Any] = print,
-        on_event: Callable[[Event], Any] | None = None,
-        on_step: Callable[[Step], Any] | None = None,
         urgent: bool = False,
         steady: bool = False,
         names: Sequence[str] = (),
@@ -83,8 +81,7 @@ class Host:
         """``final_frames`` returns the last frames to send, when the core has been stopped.
 
         ``open_buses`` and, for messages, ``names`` are those of the core's buses.
-        Events are shown through ``say``, or to ``on_event`` when it is given. ``on_step`` gets each step of
-        the core when its frames are sent. With ``urgent`` the
+        Events are shown through ``say``. With ``urgent`` the
         core's thread comes before all others; with that or ``steady`` garbage is collected in pauses only.
         """
         self._say = say
@@ -94,8 +91,7 @@ class Host:
             core,
             *open_buses,
             final_frames=final_frames,
-            on_event=on_event or self._show,
-            on_step=on_step,
+            on_event=self._show,
             complain=say,
             urgent=urgent,
             steady=steady,

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import Any, Final
 
 import click
 
@@ -94,50 +94,46 @@ def refuse_unreadable(path: str | os.PathLike[str]) -> None:
     if not os.path.exists(path) or os.path.isdir(path):
         why = os.strerror(errno.EISDIR if os.path.isdir(path) else errno.ENOENT)
         raise ConfigError(os.fspath(path), [Fault("file", None, f"one that can be read ({why})")])
-    _keep_apart(path, "input", "output")
 
 
-class JsonFile:
-    """Where a command writes its summary for a program: a file, or ``-`` for standard output."""
-
-    def __init__(self, path: str, stdout: IO[str]) -> None:
-        self.path = path
-        self._stdout = stdout
-
-    def write(self, summary: Any) -> None:
-        """Write it, indented."""
-        text = json.dumps(summary, indent=1) + "\n"
-        if self.path == "-":
-            self._stdout.write(text)
-            self._stdout.flush()
-        else:
-            with open(self.path, "w", encoding="utf-8") as file:
-                file.write(text)
-
-
-def json_file(ctx: click.Context, parameter: click.Parameter, value: str | None) -> JsonFile | None:
-    """Return where the summary goes; what could not be written at the end is refused at the beginning."""
+def json_file(
+    ctx: click.Context, parameter: click.Parameter, value: str | None
+) -> Callable[[Any], None] | None:
+    """Return what writes the summary; what could not be written at the end is refused at the beginning."""
+    stdout = sys.stdout
     if value is None:
         return None
-    stdout = sys.stdout
     if value == "-":  # nothing else may be on it
         ctx.with_resource(redirect_stdout(sys.stderr))
     else:
-        try_to_write(value, "summary in JSON", b"{", b"[\n")  # a section of a file begins with [name]
-    return JsonFile(value, stdout)
+        try_to_write(value)
+
+    def write(summary: Any) -> None:
+        text = json.dumps(summary, indent=1) + "\n"
+        if value == "-":
+            stdout.write(text)
+            stdout.flush()
+        else:
+            Path(value).write_text(text, encoding="utf-8")
+
+    return write
 
 
-def try_to_write(path: str | os.PathLike[str], what: str = "", *heads: bytes) -> None:
+def try_to_write(path: str | os.PathLike[str], *kinds: str) -> None:
     """Refuse a file that cannot be written, that stands for another one, or that would be lost.
 
     Args:
         path: is left as it is.
-        what: kind of the file, for the message.
-        heads: what such a file begins with; a file that begins with nothing of this is not written over.
+        kinds: endings of files that commands read, but that this one writes anew.
     """
-    is_stream, is_new = os.fspath(path).startswith(STREAMS), not os.path.lexists(path)
-    if os.path.islink(path) and not is_stream:
+    is_new = not os.path.lexists(path)
+    if os.path.islink(path) and not os.fspath(path).startswith(STREAMS):
         raise click.BadParameter(f"{path} is a symbolic link; give the file that is to be written")
+    ending = os.path.splitext(path)[1].lower()
+    if not is_new and ending in INPUTS and ending not in kinds:
+        raise click.BadParameter(
+            f"{path} is there already; it would be lost: remove it, or give another name"
+        )
     try:
         with open(path, "ab"):
             pass
@@ -145,27 +141,6 @@ def try_to_write(path: str | os.PathLike[str], what: str = "", *heads: bytes) ->
         raise click.BadParameter(f"cannot write {file_error(error)}") from error
     if is_new:
         os.unlink(path)
-    _keep_apart(path, "output", "input")
-    if heads and os.path.isfile(path) and not is_stream:
-        with open(path, "rb") as old:
-            content = old.read(100).lstrip().lower()
-        if content and not content.startswith(tuple(head.lower() for head in heads)):
-            raise click.BadParameter(
-                f"{path} is there already, and no {what}; it would be lost: remove it, or give another name"
-            )
-
-
-def _keep_apart(path: str | os.PathLike[str], kind: str, other: str) -> None:
-    """Refuse a file that a command would read and write."""
-    ctx = click.get_current_context(silent=True)
-    if ctx is None:
-        return
-    own = os.path.realpath(path)
-    if own in ctx.meta.get(f"skinbus.{other}", ()):
-        raise click.BadParameter(
-            f"{os.fspath(path)} is read by this command and would be lost: give another name"
-        )
-    ctx.meta.setdefault(f"skinbus.{kind}", set()).add(own)
 
 
 def keep_files(names: Iterable[Path], arm: str, files: Iterable[Path]) -> None:
@@ -186,35 +161,29 @@ def whole_file(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
-def folder(ctx: click.Context, parameter: click.Parameter, value: Any) -> Any:
-    """Refuse a folder in which no file can be made, before the work begins; it need not exist yet."""
+def folder(ctx: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
+    """Make a folder before the work begins, or refuse it."""
     if value is not None:
         try:
-            os.makedirs(value, exist_ok=True)
+            value.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise click.BadParameter(f"cannot make {file_error(error)}") from error
-        try_to_write(os.path.join(value, f".skinbus-{os.getpid()}"))
     return value
 
 
-def _of_kind(what: str, suffixes: tuple[str, ...] = (), *heads: bytes) -> Callable[..., Path | None]:
+def _of_kind(what: str, *kinds: str) -> Callable[..., Path | None]:
     """Return what refuses a file of another kind, or one that cannot be written."""
 
     def check(ctx: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
         if value is not None:
-            if suffixes and value.suffix.lower() not in suffixes:
-                raise click.BadParameter(f"{value}: a {what} ends with {suffixes[0]}")
-            try_to_write(value, what, *heads)
-            if not suffixes and value.suffix.lower() in INPUTS and value.exists():
-                raise click.BadParameter(
-                    f"{value} is there already; it would be lost: remove it, or give another name"
-                )
+            if kinds and value.suffix.lower() not in kinds:
+                raise click.BadParameter(f"{value}: a {what} ends with {kinds[0]}")
+            try_to_write(value, *kinds)
         return value
 
     return check
 
 
 writable = _of_kind("file")
-state = _of_kind("state of skinbus", (), b"skinbus-state")
-dcf = _of_kind("DCF", (".dcf",))
-html = _of_kind("page", (".html", ".htm"), b"<!doctype html")
+dcf = _of_kind("DCF", ".dcf")
+html = _of_kind("page", ".html", ".htm")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,9 +13,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.cli.output import whole_file
 from skinbus.config.wording import header_faults
 from skinbus.errors import ConfigError, Fault, FaultList
-from skinbus.estimate.calibration.table import Press
+from skinbus.estimate.calibration.table import Press, mean_and_noise
 from skinbus.file_bytes import read_bytes
 from skinbus.model import Arm
 
@@ -28,15 +28,13 @@ FEWEST: Final = 10
 """Lines of columns over time."""
 MOST: Final = 2.0**32
 """Counts have 32 bits at most, and 4 GPa is beyond any skin; what follows overflows nowhere."""
-NOISE: Final = "n"
-"""First letter of the columns of noise, in the unit of the readings."""
 PLACE: Final = ("node_id", "s_mm", "a_mm")
 CHOICES: Final = ((*PLACE, "c1"), (*PLACE, "p1"))
 """Readings are c1, c2, ... as they are on the wire, or p1, p2, ... in Pa; gains of the board are in neither:
 they change with each calibration from the same presses."""
 WANTED: Final = "node_id, s_mm, a_mm, and c1, c2, ... or p1, p2, ...; force_n and n1, n2, ... if known"
 OPTIONAL: Final = re.compile(r"force_n|[cpn][1-9]\d{0,3}")
-"""Columns that are read where they are there."""
+"""Columns that are read where they are there; n1, n2, ... are noise in the unit of the readings."""
 
 Row = tuple[int, dict[str, float], str]
 """Line, numbers by column (NaN for a cell that is none), and the name of a bus."""
@@ -49,16 +47,19 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
         ConfigError: faults of the file, all of them; keys are line and column.
     """
     names, rows, faults = _read(path, CHOICES, WANTED, ["force_n"])
-    kind, patches = "c" if "c1" in names else "p", _patches(arm)
-    several = " or ".join(bus.name for bus in arm.buses)
+    kind, several = "c" if "c1" in names else "p", " or ".join(bus.name for bus in arm.buses)
     which = f"; a column bus with {several}, where node-IDs repeat" if len(arm.buses) > 1 else ""
+    patches: dict[tuple[float, str], int] = {}
+    for p, placed in enumerate(arm.patches):
+        for key in {(placed.node_id, ""), (placed.node_id, arm.buses[placed.bus].name)}:
+            patches[key] = -1 if key in patches else p  # not clear without the name of a bus
     presses: list[Press] = []
     for line, row, bus in rows:
         p = patches.get((row["node_id"], bus if which else ""), -1)
         here, force = arm.tactels_of(max(p, 0)), row.get("force_n", math.nan)
         n, scale = here.stop - here.start, np.asarray(arm.tactel_gain[here])
         readings, noise = (
-            np.array([row.get(f"{letter}{k + 1}", math.nan) for k in range(n)]) for letter in (kind, NOISE)
+            np.array([row.get(f"{letter}{k + 1}", math.nan) for k in range(n)]) for letter in (kind, "n")
         )
         if p < 0:
             seen = f"{row['node_id']:g}" + (f" of bus {bus}" if bus else "")
@@ -83,10 +84,9 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
         raise ConfigError(str(path), faults)
     for p in {press.patch for press in presses if press.force == 0.0}:
         own = [press for press in presses if press.patch == p]
-        quiet = np.array([press.readings for press in own if press.force == 0.0])
-        zero = np.nansum(quiet, axis=0) / np.maximum(np.isfinite(quiet).sum(axis=0), 1)
+        zero, _ = mean_and_noise(np.array([press.readings for press in own if press.force == 0.0]))
         for press in own:
-            press.readings[:] -= zero
+            press.readings[:] -= np.nan_to_num(zero)
     return [press for press in presses if press.force != 0.0]
 
 
@@ -119,22 +119,19 @@ def columns_of(arm: Arm) -> list[str]:
 
 def write_presses(path: Path, arm: Arm, presses: Sequence[Press]) -> None:
     """Write a table of presses whole: a loss of power leaves the file as it was."""
-    beside = path.with_name(f"{path.name}.new")
-    names = columns_of(arm)
-    with beside.open("w", encoding="utf-8", newline="") as file:
-        table = csv.DictWriter(file, names)
-        table.writeheader()
+    most = max(placed.patch.n_tactels for placed in arm.patches)
+    with whole_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(columns_of(arm))
         for press in presses:
             placed, gain = arm.patches[press.patch], arm.tactel_gain[arm.tactels_of(press.patch)]
-            cells = dict(
-                zip(names[1:5], (placed.node_id, 1e3 * press.s, 1e3 * press.a, press.force), strict=True)
+            values = np.full((2, most), np.nan)
+            values[0, : len(gain)] = press.readings / gain
+            values[1, : len(gain)] = np.nan if press.noise is None else press.noise / gain
+            cells = (placed.node_id, 1e3 * press.s, 1e3 * press.a, press.force, *values.flat)
+            table.writerow(
+                [arm.buses[placed.bus].name, *("" if math.isnan(x) else f"{x:.6g}" for x in cells)]
             )
-            for letter, values in (("p", press.readings), ("n", press.noise)):
-                if values is not None:
-                    cells |= {f"{letter}{i}": value for i, value in enumerate(values / gain, 1)}
-            shown = {name: f"{cell:.6g}" for name, cell in cells.items() if not math.isnan(cell)}
-            table.writerow({"bus": arm.buses[placed.bus].name, **shown})
-    os.replace(beside, path)
 
 
 def _read(
@@ -176,12 +173,3 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
-
-
-def _patches(arm: Arm) -> dict[tuple[float, str], int]:
-    """Return the patch of each node-ID and bus; without a bus -1 where several may be meant."""
-    found: dict[tuple[float, str], int] = {}
-    for p, placed in enumerate(arm.patches):
-        found[placed.node_id, ""] = -1 if (placed.node_id, "") in found else p
-        found[placed.node_id, arm.buses[placed.bus].name] = p
-    return found

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
-from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TextIO
 
@@ -18,12 +16,10 @@ from skinbus.cli.formatting import counted, nodes_by_bus, words_of
 from skinbus.cli.host import compiling
 from skinbus.cli.output import echo
 from skinbus.master import CycleReport
-from skinbus.master.replay import Replay
 from skinbus.model import Arm
 from skinbus.skin.contact import Contact
 from skinbus.skin.cycle import Cycle
-from skinbus.skin.master_cycles import CycleMaker
-from skinbus.skin.replayed import Recording
+from skinbus.skin.replayed import Replayed
 
 READING: Final = np.dtype(
     [
@@ -38,13 +34,13 @@ READING: Final = np.dtype(
 """A reading; ``zeroed_pa`` is NaN where the master did not use it; x, y, z are m in the frame of the link."""
 SHOWN_EVERY: Final = 100
 """Cycles, after which the progress is shown."""
-COVARIANCES: Final = dict(
-    zip(
-        ("cov_s_s", "cov_s_a", "cov_s_force", "cov_a_a", "cov_a_force", "cov_force_force"),
-        combinations_with_replacement(range(3), 2),
-        strict=True,
-    )
-)
+COVARIANCES: Final = ("cov_s_s", "cov_s_a", "cov_s_force", "cov_a_a", "cov_a_force", "cov_force_force")
+"""The upper triangle of a covariance, row by row."""
+CONTACT_COLUMNS: Final = (
+    "t_ns", "cycle", "id", "identity", "link", "level", "state", "quality",
+    "s_m", "a_m", "force_n", "x_m", "y_m", "z_m", "normal_x", "normal_y", "normal_z", *COVARIANCES,
+)  # fmt: skip
+"""Of tables of contacts."""
 
 
 class RecordedCycle(NamedTuple):
@@ -57,7 +53,7 @@ class RecordedCycle(NamedTuple):
     """(n_readings,) of READING."""
 
 
-class Recorded:
+class Recorded(Replayed):
     """The cycles of a log, to be gone through once."""
 
     def __init__(
@@ -77,19 +73,10 @@ class Recorded:
             ConfigError: the log cannot be read, holds no frame, or its times are none.
             AddressError: which interface is which bus cannot be decided.
         """
-        self._console, self._new = console, deque[RecordedCycle]()
+        self._console = console
         with compiling(console):
-            self.recording = Recording(log, arm, channels)
-            self.arm = arm = self.recording.arm
-            self.replay = Replay(
-                arm,
-                sync_bus=self.recording.sync.bus,
-                on_cycle=self._on_cycle,
-                on_event=on_event,
-                level=level,
-                zero_at_start=zero,
-            )
-        self._maker = CycleMaker(arm)
+            super().__init__(log, arm, channels, level=level, zero=zero, on_event=on_event)
+        arm = self.arm
         patch = arm.tactel_patch
         rows = self._tactels = np.zeros(arm.n_tactels, READING)
         rows["bus"], rows["node_id"], rows["link"] = arm.patch_bus[patch], arm.node_id[patch], arm.tactel_link
@@ -109,14 +96,10 @@ class Recorded:
     def __iter__(self) -> Iterator[RecordedCycle]:
         """Go through them, and show on a terminal how far it is."""
         with self._console.status("") if self._console.is_terminal else nullcontext() as status:
-            for frame in self.recording:
-                self.replay.take(frame)
-                while self._new:
-                    yield (made := self._new.popleft())
-                    if status and made.cycle.number % SHOWN_EVERY == 0:
-                        status.update(f"{self.recording.reader.name} ... {self.now_s:.0f} s")
-            self.replay.end()
-        yield from self._new
+            for made in super().__iter__():
+                yield made
+                if status and made.cycle.number % SHOWN_EVERY == 0:
+                    status.update(f"{self.recording.reader.name} ... {self.now_s:.0f} s")
 
     def has_readings(self) -> bool:
         """Return whether a patch of the arm sent readings, and say so if none did."""
@@ -152,28 +135,28 @@ class Recorded:
         for where in nodes_by_bus(self.arm, silent):
             yield f"no readings of {where}"
 
-    def _on_cycle(self, report: CycleReport) -> None:
-        cycle, stamp_ns = self._maker.make(self.replay.master, report), self.replay.sync_stamp_ns
+    def made(self, cycle: Cycle, report: CycleReport) -> RecordedCycle:
+        """Return a cycle with the readings of the boards that sent them."""
+        stamp_ns = self.replay.sync_stamp_ns
         (tactels,) = np.nonzero(report.fresh[self.arm.tactel_patch])
         rows, used = self._tactels[tactels], cycle.readings
         rows["t_ns"], rows["cycle"] = stamp_ns, cycle.number
         rows["counts"] = self.replay.master.gather.counts[tactels]
         rows["pressure_pa"] = (rows["counts"] - self.arm.tactel_offset[tactels]) * self._scale[tactels]
         rows["zeroed_pa"] = np.where(used.valid, used.pressures, np.nan)[tactels]
-        self._new.append(RecordedCycle(cycle, stamp_ns, rows))
+        return RecordedCycle(cycle, stamp_ns, rows)
 
 
 def values_of(contact: Contact) -> dict[str, Any]:
     """Return a contact as numbers and words: m, N, in the frame of its link; None for what is not known."""
-    covariance = contact.covariance
+    covariance = np.full((3, 3), None) if contact.covariance is None else contact.covariance
+    numbers = (
+        contact.s, contact.a, contact.force, *contact.point.tolist(), *contact.normal.tolist(),
+        *covariance[np.triu_indices(3)].tolist(),
+    )  # fmt: skip
     return {
         **{name: getattr(contact, name) for name in ("id", "identity", "link", "level")},
         "state": contact.state.name.lower(),
         "quality": None if contact.quality is None else words_of(contact.quality),
-        "s_m": contact.s,
-        "a_m": contact.a,
-        "force_n": contact.force,
-        **dict(zip(("x_m", "y_m", "z_m"), contact.point.tolist(), strict=True)),
-        **dict(zip(("normal_x", "normal_y", "normal_z"), contact.normal.tolist(), strict=True)),
-        **{name: None if covariance is None else float(covariance[k]) for name, k in COVARIANCES.items()},
+        **dict(zip(CONTACT_COLUMNS[8:], numbers, strict=True)),
     }

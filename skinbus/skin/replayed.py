@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain, islice
 from pathlib import Path
-from typing import Final, TextIO
+from typing import Any, Final, TextIO
 
 import numpy as np
 
 from skinbus.can.candump import CandumpReader
+from skinbus.can.event import Event
 from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import AddressError, ConfigError, Fault
@@ -67,28 +68,59 @@ def replay(
     """
     check_level(level)
     loaded = arm if isinstance(arm, Arm) else load_arm(arm, check_load=False)
-    recording, new = Recording(log, loaded, channel_words(channel)), deque[Cycle]()
-    maker = CycleMaker(recording.arm)
-
-    def on_cycle(report: CycleReport) -> None:
-        new.append(maker.make(again.master, report))
+    with saying_why():
+        source = Replayed(log, loaded, channel_words(channel), level=level, zero=zero)
 
     def cycles() -> Iterator[Cycle]:
-        for frame in recording:
-            again.take(frame)
-            while new:
-                yield new.popleft()
-        again.end()
-        if not again.taken.n_readings:
-            wanted = f"readings of {recording.arm.name}: it has none"
-            raise ConfigError(recording.reader.name, [Fault("log", None, wanted)])
-        yield from new
+        yield from source
+        if not source.replay.taken.n_readings:
+            wanted = f"readings of {source.arm.name}: it has none"
+            raise ConfigError(source.recording.reader.name, [Fault("log", None, wanted)])
 
-    with saying_why():
-        again = Replay(
-            recording.arm, sync_bus=recording.sync.bus, on_cycle=on_cycle, level=level, zero_at_start=zero
+    return played(f"recording {log}", cycles(), source.maker, source.replay.master, realtime=realtime)
+
+
+class Replayed:
+    """The cycles of a recording as a master makes them again; to be gone through once."""
+
+    def __init__(
+        self,
+        log: str | Path | TextIO,
+        arm: Arm,
+        channels: Sequence[str] = (),
+        *,
+        level: str,
+        zero: bool,
+        on_event: Callable[[Event], Any] | None = None,
+    ) -> None:
+        """Begin; the same errors as of a ``Recording``."""
+        self.recording = Recording(log, arm, channels)
+        self.arm = self.recording.arm
+        self.maker = CycleMaker(self.arm)
+        self._new = deque[Any]()
+        self.replay = Replay(
+            self.arm,
+            sync_bus=self.recording.sync.bus,
+            on_cycle=self._take,
+            on_event=on_event,
+            level=level,
+            zero_at_start=zero,
         )
-    return played(f"recording {log}", cycles(), maker, again.master, realtime=realtime)
+
+    def __iter__(self) -> Iterator[Any]:
+        for frame in self.recording:
+            self.replay.take(frame)
+            while self._new:
+                yield self._new.popleft()
+        self.replay.end()
+        yield from self._new
+
+    def made(self, cycle: Cycle, report: CycleReport) -> Any:
+        """Return what is gone through for a cycle."""
+        return cycle
+
+    def _take(self, report: CycleReport) -> None:
+        self._new.append(self.made(self.maker.make(self.replay.master, report), report))
 
 
 class Recording:

@@ -116,15 +116,3 @@ def test_node_ids_that_differ_need_no_bus_and_a_wrong_one_is_a_fault(tmp_path):
     assert patches(tmp_path, 2, [(1, "upper"), (2, "grip")]) == [0, 1]
     with pytest.raises(ConfigError, match=r"line 3, node_id: is '2 of bus upper'; wanted a patch of the arm"):
         patches(tmp_path, 2, [(2, "grip"), (2, "upper"), (1, "upper")])
-
-
-@pytest.mark.parametrize(
-    ("rows", "said"),
-    [
-        ([(1, "grip"), (1, "uper")], "line 3, node_id: is '1 of bus uper'; wanted a patch"),
-        ([(1, "grip"), (1, "")], "line 3, node_id: is '1'; wanted a patch of the arm; a column bus"),
-    ],
-)
-def test_rows_whose_bus_is_not_clear_are_refused(tmp_path, rows, said):
-    with pytest.raises(ConfigError, match=said):
-        patches(tmp_path, 1, rows)

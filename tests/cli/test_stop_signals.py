@@ -101,10 +101,9 @@ def test_a_stopped_master_leaves_the_patches_pre_operational_and_its_summary(
 
 
 @pytest.mark.slow
-def test_a_stopped_monitor_has_printed_each_cycle_and_writes_what_it_received(skinbus, group, tmp_path):
-    file = tmp_path / "heard.json"
+def test_a_stopped_monitor_has_printed_each_cycle(skinbus, group):
     bus = ("--interface", "udp_multicast", "--channel", group)
-    monitor = skinbus("monitor", "forearm", *bus, "--json-lines", "--json", str(file))
+    monitor = skinbus("monitor", "forearm", *bus, "--json-lines")
     summary = Frame(0x1FF, bytes([7, 1, 24, 0, 200, 0, 50, 0]))
     contact = Frame(0x681, bytes([3, 0x20]) + (778).to_bytes(2, "little") + bytes([100, 0, 0x20, 3]))
     lines = []
@@ -128,4 +127,3 @@ def test_a_stopped_monitor_has_printed_each_cycle_and_writes_what_it_received(sk
         "flags": [],
         "contacts": [seen],
     }
-    assert json.loads(file.read_text())["contacts"] == [seen]

@@ -165,7 +165,10 @@ def test_plan_names_can_fd_as_a_remedy(tmp_path):
 
 def test_plan_command_shows_both_bit_rates(tmp_path):
     arm = forearm_with(tmp_path, "skin-patch-fd", 80.0, "canfd = true")
-    answer = CliRunner().invoke(group, ["plan", str(arm), "--compute-us", "400"])
+    file = tmp_path / "plan.json"
+    answer = CliRunner().invoke(group, ["plan", str(arm), "--compute-us", "400", "--json", str(file)])
     assert answer.exit_code == 0, answer.output
     assert "1 Mbit/s, CAN FD at 2 Mbit/s, 80 Hz" in answer.output
-    assert "34 + 518" in answer.output
+    assert {"bits": 34, "data_bits": 518}.items() <= max(
+        json.loads(file.read_text())["messages"], key=lambda message: message["data_bits"]
+    ).items()

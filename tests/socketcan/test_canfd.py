@@ -28,13 +28,13 @@ def test_sim_run_and_monitor_on_can_fd(start, channel, tmp_path, eds, n):
     readings = [frame for frame in frames if frame.can_id in (0x181, 0x182)]
     assert {(len(frame.data), frame.flags) for frame in readings} == {({16: 48, 32: 64}[n], FD | BRS)}
     assert all(frame.flags == 0 for frame in frames if frame not in readings)
-    seen = tmp_path / "seen.json"
 
     def contacts():
-        monitor = start("monitor", "--channel", channel, "--seconds", "2", "--json", str(seen))
+        monitor = start("monitor", "--channel", channel, "--seconds", "2", "--json-lines")
         out, _ = monitor.communicate(timeout=PATIENCE_S)
         assert monitor.returncode == 0, out
-        return json.loads(seen.read_text())["contacts"]
+        lines = [line for line in out.splitlines() if line.startswith("{")]
+        return [seen for line in lines for seen in json.loads(line)["contacts"]]
 
     assert until_in_time(contacts, bool)  # without one, the patches were held up for so long
     end(run)

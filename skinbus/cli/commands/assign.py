@@ -5,14 +5,13 @@ from __future__ import annotations
 import sys
 
 import click
-from rich.text import Text
 
 from skinbus.cli.commands.scan import NO_NODE, candidates_of
 from skinbus.cli.console import Console
 from skinbus.cli.host import run_to_end
 from skinbus.cli.options import BusWords, arm_bus_options
 from skinbus.config.system import load_arm, ods_of
-from skinbus.master.commissioning.node_id_assignment import Address, Assigned, Assigner, Assignment, Known
+from skinbus.master.commissioning.node_id_assignment import Address, Assigner, Assignment, Known
 from skinbus.master.patches.provisioning import Identity, expected_node
 from skinbus.model import Arm
 from skinbus.objects.profile import MASTER_NODE_ID
@@ -85,12 +84,10 @@ def wanted_by(arm: Arm) -> tuple[list[Known], list[int], list[tuple[int, ...]]]:
     return known, free, hints
 
 
-def line(result: Assignment) -> Text:
-    """Return one line, its outcome in colour."""
-    bad = "yellow" if result.outcome is Assigned.NOT_STORED else "red"
-    outcome = str(result.outcome), "green" if result.outcome.is_good else bad
+def line(result: Assignment) -> str:
+    """Return one line."""
     reason = f" ({result.reason})" if result.reason else ""
-    return Text.assemble(f"{result.address} -> node {result.node_id}: ", outcome, reason)
+    return f"{result.address} -> node {result.node_id}: {result.outcome}{reason}"
 
 
 def _hint(identity: Identity) -> tuple[int, ...]:

@@ -5,19 +5,17 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import groupby
 from pathlib import Path
 
 import click
 import numpy as np
 
 from skinbus.cli import output
-from skinbus.cli.calibration_report import BOARDS, board_rows, report, sections, verdict
+from skinbus.cli.calibration_report import BOARDS, board_rows, report, verdict
 from skinbus.cli.console import Console
 from skinbus.cli.options import file_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_presses
-from skinbus.cli.report import figures_wanted, write_page
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.system import load_arm
 from skinbus.estimate.calibration import Calibration, Judgement, judge
@@ -43,19 +41,12 @@ from skinbus.objects.eds import load_eds
     is_flag=True,
     help="Write one for boards of the kind that were not pressed, too: the law, and gains as they are.",
 )
-@file_option(
-    "--report",
-    "page",
-    callback=output.html,
-    help="Write a report to look at (.html): law, residuals, tactels, outliers, error to expect.",
-)
 def command(
     arm: str,
     presses: Path,
     out: Path,
     force: bool,
     all_of_kind: bool,
-    page: Path | None,
 ) -> None:
     """Learn the contact law, gains and noise of patches of ARM from the presses in a CSV file.
 
@@ -74,7 +65,7 @@ def command(
                     over cycles. Without it the noise is at least what the board declares, but for
                     whole counts, which are taken for single readings
 
-    Columns are divided by commas. Others, such as a time, are named and left alone. A hundred presses spread
+    Columns are divided by commas. Others, such as a time, are left alone. A hundred presses spread
     over a patch and half a pitch around it are plenty. A patch of the arm file takes its DCF as `eds`, a ring
     a list of them; `skinbus configure` writes it into the board.
 
@@ -85,39 +76,27 @@ def command(
     \b
     Examples:
       skinbus calibrate pad presses.csv --out patch.dcf
-      skinbus calibrate forearm presses.csv --out patch.dcf --report calibration.html
+      skinbus calibrate forearm presses.csv --out patch.dcf --all-of-kind
     """
     whole, arm_file = load_arm(arm), read_arm_file(find_arm(arm))
     output.keep_files([out, *(file_of(out, whole, placed) for placed in whole.patches)], arm, arm_file.files)
     made = read_presses(whole, presses)
-    judged, shown = [], [("", f"{len(made)} presses from {presses.name}")]
+    judged = []
     for table, lines in tables_of(whole, made):
         judgement = judge(table)
         judged.append(judgement)
-        words = verdict(judgement, lines)
         echo(f"boards of {table.arm.patches[0].patch.n_tactels} tactels: {report(judgement)}")
-        echo(words, err=bool(judgement.faults))
-        if page:  # of what is refused, too: it shows why
-            with figures_wanted():
-                shown += sections(judgement, lines, words)
+        echo(verdict(judgement, lines), err=bool(judgement.faults))
     Console().table(BOARDS, [row for judgement in judged for row in board_rows(judgement)])
-    if page:
-        write_page(page, f"Calibration of {whole.name}", shown)
-        echo(f"report: {page}")
     learned = [judgement for judgement in judged if judgement.calibration is not None]
     if any(judgement.faults for judgement in judged) and not (force and learned):
         echo("nothing is written" + ("; --force writes it all the same" if learned else ""), err=True)
         sys.exit(1)
     boards = [board for judgement in learned for board in boards_of(whole, judgement, all_of_kind)]
-    files = {}
     for placed, own in boards:
-        file = files[placed.bus, placed.node_id] = out if len(boards) == 1 else file_of(out, whole, placed)
+        file = out if len(boards) == 1 else file_of(out, whole, placed)
         write(placed, own, file)
-    for key, mountings in groupby(arm_file.mountings, lambda mounting: mounting.key.partition("#")[0]):
-        ring = list(mountings)
-        eds = ", ".join(f'"{files.get((m.bus, m.node_id), m.eds)}"' for m in ring)
-        if any((m.bus, m.node_id) in files for m in ring):
-            echo(f"{key}: eds = [{eds}]" if "#" in ring[0].key else f"{key}: eds = {eds}")
+        echo(f"{file}: eds of node {whole.node_label(whole.patch_at(placed.node_id, placed.bus))}")
 
 
 def boards_of(

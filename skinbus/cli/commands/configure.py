@@ -6,10 +6,9 @@ import sys
 from collections import Counter
 from collections.abc import Mapping
 from itertools import groupby
-from typing import Final
 
 import click
-from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError
+from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError, ODVariable
 
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes, span
@@ -17,15 +16,12 @@ from skinbus.cli.host import run_to_end
 from skinbus.cli.options import BusWords, arm_bus_options
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master.commissioning.sessions import timeouts_of
-from skinbus.master.patches.provisioning import Change, Configurer, Provision, Provisioned, expected_nodes
+from skinbus.master.patches.provisioning import Configurer, Provision, Provisioned, expected_nodes
 from skinbus.model import Arm
 from skinbus.objects import cia
 
 Ods = Mapping[int, ObjectDictionary]
 """Dictionaries of the patches, by node-ID."""
-
-MAX_VALUES: Final = 4
-"""Elements of an array that a row of the table shows."""
 
 
 @click.command()
@@ -68,8 +64,7 @@ def show(console: Console, arm: Arm, ods: Ods, results: Mapping[int, Provisioned
         if result.reason or not result.outcome.is_good:
             silent = "no answer: " if result.outcome is Provision.ABSENT else ""
             reason = f" ({silent}{result.reason})" if result.reason else ""
-            style = "yellow" if result.outcome is Provision.WOULD_CHANGE else "red"
-            console.print(f"node {node_id}: {result.outcome}{reason}", style=style)
+            console.print(f"node {node_id}: {result.outcome}{reason}", style="yellow")
     if restored := [node_id for node_id, result in results.items() if result.is_restored]:
         console.print(f"defaults restored first, a foreign configuration was there: {nodes(restored)}")
     counts = Counter(str(result.outcome) for result in results.values())
@@ -79,32 +74,36 @@ def show(console: Console, arm: Arm, ods: Ods, results: Mapping[int, Provisioned
 
 
 def change_rows(ods: Ods, results: Mapping[int, Provisioned]) -> dict[tuple[str, str, str], list[int]]:
-    """Return the nodes behind each change (object, old, new); values of one object share a row."""
+    """Return the nodes behind each change (object, old, new); many values of an object are counted."""
     rows: dict[tuple[str, str, str], list[int]] = {}
     for node_id, result in sorted(results.items()):
         for index, changes in groupby(result.changes, lambda change: change.index):
-            own = list(changes)
-            od, first = ods[node_id], own[0].sub
-            name = f"0x{index:04X}:{first:02X}" if len(own) == 1 else f"0x{index:04X}"
-            found = (len(own) == 1 and od.get_variable(index, first)) or od.get(index)
-            more = f", ... ({len(own)} values)" if len(own) > MAX_VALUES else ""
-            values = [(value_text(od, one, one.old), value_text(od, one, one.new)) for one in own]
-            old, new = (", ".join(side) + more for side in zip(*values[:MAX_VALUES], strict=True))
-            rows.setdefault((f"{name} {found.name if found else ''}".strip(), old, new), []).append(node_id)
+            (one, *others), od = list(changes), ods[node_id]
+            where, variable = f"0x{index:04X}", None if others else od.get_variable(index, one.sub)
+            name = getattr(variable or od.get(index), "name", "")
+            old, new = f"{1 + len(others)} values", ""
+            if not others:
+                where += f":{one.sub:02X}"
+                old, new = value_text(variable, one.old), value_text(variable, one.new)
+            rows.setdefault((f"{where} {name}".strip(), old, new), []).append(node_id)
     return rows
 
 
-def value_text(od: ObjectDictionary, change: Change, data: bytes | None) -> str:
+def value_text(variable: ODVariable | None, data: bytes | None) -> str:
     """Return a value as text; bytes that do not fit its type as they are."""
     if data is None:
         return "?"
-    variable = od.get_variable(change.index, change.sub)
     try:
-        value = variable.decode_raw(data) if variable is not None else data
+        value = data if variable is None else variable.decode_raw(data)
     except (ValueError, ObjectDictionaryError):
         value = data
     if isinstance(value, bytes):
         return value.hex(" ")
-    if isinstance(value, int) and change.index < cia.NMT_STARTUP and value > 0xFFFF:
+    if (
+        variable is not None
+        and variable.index < cia.NMT_STARTUP
+        and isinstance(value, int)
+        and value > 0xFFFF
+    ):
         return f"0x{value:08X}"  # COB-IDs and mappings
     return f"{value:.6g}" if isinstance(value, float) else str(value)

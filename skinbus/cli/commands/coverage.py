@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -10,8 +9,7 @@ import click
 
 from skinbus.cli import output
 from skinbus.cli.console import WIDE, Console
-from skinbus.cli.options import Range, file_option, json_option
-from skinbus.cli.output import JsonFile
+from skinbus.cli.options import Range, file_option
 from skinbus.cli.report import figures_wanted, write_page
 
 if TYPE_CHECKING:
@@ -23,6 +21,9 @@ COLUMNS: Final = {
     "sd_force_n": ("sd_force", 1.0),
 }
 """Column of the coverage, and the factor to the unit."""
+TITLES: Final = (
+    "link", "area_cm2", "on_boards_cm2", "blind_cm2", "blind_spot_s_a_width_mm", *COLUMNS, "bound_holds_pct",
+)  # fmt: skip
 NOTE: Final = (
     "blind is what registers no touch of any force, its largest spot is given by s, a and width; forces and "
     "standard deviations are median and worst on the boards; level full reaches them where the bound holds"
@@ -36,8 +37,7 @@ NOTE: Final = (
 )
 @click.option("--step-mm", default=2.0, show_default=True, type=Range(0.5, 20.0), help="Of the grid, mm.")
 @file_option("--report", callback=output.html, help="Write a report with the links unrolled (.html).")
-@json_option
-def command(arm: str, force: float, step_mm: float, report: Path | None, json_file: JsonFile | None) -> None:
+def command(arm: str, force: float, step_mm: float, report: Path | None) -> None:
     """Compute what the skin of ARM (a name or a TOML file) feels where, before a board is ordered.
 
     \b
@@ -48,7 +48,7 @@ def command(arm: str, force: float, step_mm: float, report: Path | None, json_fi
     \b
     Examples:
       skinbus plan coverage forearm
-      skinbus plan coverage my-arm.toml --report skin.html --json skin.json
+      skinbus plan coverage my-arm.toml --report skin.html
     """
     from skinbus.config.system import load_arm
     from skinbus.planning.coverage import cover
@@ -56,36 +56,31 @@ def command(arm: str, force: float, step_mm: float, report: Path | None, json_fi
     console = Console(width=WIDE)
     with console.status("computing ..."):
         links = cover(load_arm(arm, check_load=False), force=force, step=1e-3 * step_mm)
-    rows = [_row(link) for link in links]
-    table = [[*map(_text, row.values())] for row in rows]
-    console.table(list(rows[0]), table)
+    table = [_row(link) for link in links]
+    console.table(TITLES, table)
     console.print(f"{arm}: a contact of {force:g} N; {NOTE}")
     if report:
         with figures_wanted():
-            sections = [("", _figure(links)), ("", [list(rows[0]), *table]), ("", NOTE)]
+            sections = [("", _figure(links)), ("", [TITLES, *table]), ("", NOTE)]
         write_page(report, f"What the skin of {arm} feels", sections)
         console.print(f"wrote {report}")
-    if json_file:
-        json_file.write({"arm": arm, "force_n": force, "links": rows})
 
 
-def _row(link: Coverage) -> dict[str, Any]:
-    """Return what a link has: areas, its largest blind spot, and spreads on the boards; None for infinity."""
+def _row(link: Coverage) -> tuple[str, ...]:
+    """Return what a link has: areas, its largest blind spot, and spreads on the boards."""
     import numpy as np
 
     on, blind = link.board >= 0, np.isinf(link.least_force)
-    spot = link.blind_spot() or (math.inf,) * 3
-    row = {
-        "link": link.link,
-        "area_cm2": _finite(1e4 * link.area.sum()),
-        "on_boards_cm2": _finite(1e4 * link.area[on].sum()),
-        "blind_cm2": _finite(1e4 * link.area[blind].sum()),
-        "blind_spot_s_a_width_mm": [_finite(1e3 * value) for value in spot],
-    }
-    for name, (column, unit) in COLUMNS.items():
-        values = unit * getattr(link, column)[on]
-        row[name] = [_finite(v) for v in np.quantile(values, (0.5, 1.0), method="lower")] if on.any() else []
-    return row | {"bound_holds_pct": _finite(100 * link.holds[on].mean()) if on.any() else None}
+    areas = [f"{1e4 * link.area[points].sum():.3g}" for points in (slice(None), on, blind)]
+    spot = link.blind_spot()
+    spreads = []
+    for column, unit in COLUMNS.values():
+        values = unit * getattr(link, column)[on] if on.any() else [np.nan]
+        spreads.append("{:.3g}, {:.3g}".format(*np.quantile(values, (0.5, 1.0), method="lower")))
+    return (
+        link.link, *areas, ", ".join(f"{1e3 * x:.3g}" for x in spot) if spot else "none", *spreads,
+        f"{100 * link.holds[on].mean():.3g}" if on.any() else "none",
+    )  # fmt: skip
 
 
 def _figure(links: list[Coverage]) -> Any:
@@ -104,13 +99,3 @@ def _figure(links: list[Coverage]) -> Any:
             figure.colorbar(picture, ax=axes, label=name)
             axes.set(title=link.link, xlabel="a (mm)", ylabel="s (mm)")
     return figure
-
-
-def _finite(value: Any) -> float | None:
-    return float(f"{value:.4g}") if math.isfinite(value) else None
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, list):
-        return ", ".join(map(_text, value))
-    return "none" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from skinbus.cli.diagnostics import Finding
 from skinbus.cli.formatting import counted
 from skinbus.cli.options import BusesWords, buses_options
 from skinbus.cli.output import echo
+from skinbus.config.arm_file import find_arm
 from skinbus.config.system import load_arm
 from skinbus.errors import AddressError, ConfigError
 from skinbus.model import BusSettings
@@ -31,21 +32,21 @@ UNIT_ARM = "/etc/skinbus/arm.toml"
 @buses_options
 @click.option("--unit", is_flag=True, help="Print the systemd unit of the master for this installation.")
 def command(arm: str | None, where: BusesWords, unit: bool) -> None:
-    """Check the file of ARM, interface, bit rate, queue, permissions, wake-ups and cache.
+    """Check the file of ARM, interface, bit rate, queue, permissions and wake-ups.
 
     `skinbus scan` and `skinbus configure --dry-run` check the boards.
 
-    Nothing is changed. Status 1 when there is something to do, 2 when there is no such arm or interface. The
-    unit is for SocketCAN; docs/deploy.md has what other interfaces need.
+    Nothing is changed. Status 1 when there is something to do, 2 when there is no such arm or interface.
 
     \b
     Examples:
       skinbus doctor my-arm.toml -c can0
       skinbus doctor /etc/skinbus/arm.toml --unit > /etc/systemd/system/skinbus-master.service
-      skinbus doctor my-arm.toml -c upper=can0 -c lower=can1 --unit
     """
     if unit:
-        echo(unit_text(arm, *where), nl=False)
+        if any(where):
+            raise click.UsageError("the unit is for SocketCAN and the channels of the arm file")
+        echo(unit_text(arm), nl=False)
         return
     n = 0
     for finding in examine(arm, *where):
@@ -85,28 +86,18 @@ def examine(
         if not any(finding.check == "interface" and finding.advice for finding in found):
             yield from checks.check_open(place)
     yield from checks.check_machine()
-    yield from checks.check_cache()
 
 
-def unit_text(
-    arm: str | None = None,
-    interface: str | None = None,
-    channels: Sequence[str] = (),
-    bitrate: int | None = None,
-) -> str:
-    """Return the systemd unit, with the path of this installation and the arguments of the master."""
-    if (interface or "socketcan") != "socketcan":
-        raise click.UsageError(f"the unit is for socketcan; docs/deploy.md has what {interface} needs")
-    file = Path(arm).resolve() if arm and Path(arm).exists() else None
-    words = [str(Path(sys.executable).parent / "skinbus"), "run", str(file) if file else arm or UNIT_ARM]
-    if arm is not None:
-        find_places(load_arm(arm).buses, interface, channels, bitrate)  # refused here, not at every start
-    words += [word for channel in channels for word in ("--channel", channel)]
-    words += ["--bitrate", str(bitrate)] if bitrate else []
-    share = re.sub(r"[^A-Za-z0-9_.-]", "-", Path(arm or UNIT_ARM).stem)[:MAX_NAME]
-    run = " ".join(map(_word, words)) + f" --quiet --state %S/skinbus/state --share {share}"
+def unit_text(arm: str | None = None) -> str:
+    """Return the systemd unit of the master of an arm, with the path of this installation."""
+    if arm:
+        load_arm(arm)  # refused here, not at every start
+    file = str(find_arm(arm).resolve()) if arm else UNIT_ARM
+    program = _word(str(Path(sys.executable).parent / "skinbus"))
+    share = re.sub(r"[^A-Za-z0-9_.-]", "-", Path(file).stem)[:MAX_NAME]
+    run = f"{program} run {_word(file)} --quiet --state %S/skinbus/state --share {share}"
     template = resources.files("skinbus.cli").joinpath("skinbus-master.service").read_text()
-    return template.replace("@COMMAND@", run).replace("@WARM@", f"{_word(words[0])} doctor warm")
+    return template.replace("@COMMAND@", run).replace("@WARM@", f"{program} doctor warm")
 
 
 def _word(word: str) -> str:

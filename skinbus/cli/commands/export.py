@@ -17,8 +17,7 @@ from skinbus.errors import SkinbusError
 if TYPE_CHECKING:
     from skinbus.model import Arm
 
-HEADS: Final = {".mcap": b"\x89MCAP", ".parquet": b"PAR1", ".dbc": b"VERSION"}
-"""What files of ours begin with, by their ending: no other is written over."""
+KINDS: Final = (".mcap", ".parquet", ".dbc")
 
 
 @click.command()
@@ -48,7 +47,7 @@ def command(log: str | None, arm: str, out: Path, channels: tuple[str, ...], lev
       skinbus export --arm forearm --out forearm.dbc
     """
     kind = out.suffix.lower()
-    if kind not in HEADS:
+    if kind not in KINDS:
         raise click.UsageError(f"{out}: a recording is written as .mcap or .parquet, the PDOs as .dbc")
     if (log is None) != (kind == ".dbc"):
         wanted = "a DBC is made of the arm alone" if log else "give the recording"
@@ -71,7 +70,7 @@ def _write_dbc(arm: Arm, out: Path) -> None:
 
     for bus, settings in enumerate(arm.buses):
         own = out.with_name(f"{out.stem}-{settings.name}.dbc") if len(arm.buses) > 1 else out
-        _check(own)
+        try_to_write(own)
         with whole_file(own) as part:
             part.write_text(dbc_of(arm, bus), encoding="ascii")
         echo(f"{own}: {settings.name or arm.name}")
@@ -88,7 +87,7 @@ def _write_recording(
     kind = out.suffix.lower()
     files = [out] if kind == ".mcap" else [out, out.with_name(f"{out.stem}.contacts{out.suffix}")]
     for file in files:
-        _check(file)
+        try_to_write(file)
     module = import_module(f"skinbus.cli.export{kind}")
     recorded = Recorded(log, arm, channels, Console(stderr=True), level=level, zero=zero)
     about = {"arm": arm.name, "log": log.name, "skinbus": __version__, "level": level}
@@ -100,8 +99,3 @@ def _write_recording(
     echo(f"{' and '.join(map(str, files))}: contacts at level {level}")
     for line in recorded.summary():
         echo(line)
-
-
-def _check(file: Path) -> None:
-    head = HEADS[file.suffix.lower()]
-    try_to_write(file, f"{file.suffix[1:]} file of skinbus", head)

@@ -20,7 +20,6 @@ from skinbus.model import Arm
 
 STATE = Path("/var/lib/skinbus/state")
 """Of the service."""
-COLUMNS = ("noise", "noise_first", "zero", "zero_first", "touches", "faults")
 
 
 @click.command()
@@ -45,10 +44,6 @@ def command(arm: str, state: Path) -> None:
     """
     loaded, console = load_arm(arm), Console()
     boards = load_health(loaded, state)
-    console.table(
-        ("node", "noise, Pa", "was", "zero, Pa", "was", "touches", "faults"),
-        rows_of(loaded, boards),
-    )
     found = list(check_health(loaded, boards))
     for what, advice in found:
         console.print(
@@ -63,29 +58,14 @@ def check_health(arm: Arm, boards: Sequence[Records | None]) -> Iterator[tuple[s
     for own in found:
         which = f" tactel{'s' if len(own.tactels) > 1 else ''} {span(own.tactels)}" if own.tactels else ""
         yield f"node {arm.node_label(own.patch)}{which}: {own.what}", own.advice
-    samples = {
-        arm.node_label(p): int(board["samples"].max())
+    new = [
+        arm.node_label(p)
         for p, board in enumerate(boards)
-        if board is not None and not np.isfinite(board["noise_first"]).any()
-    }
-    if samples:
-        minutes = math.ceil(max(SETTLED - min(samples.values()), 1) * SAMPLE_NS / 60e9)
-        yield (
-            f"node {', '.join(samples)}: not commissioned yet, so nothing is compared; {minutes} min to go "
-            "while the master runs and nothing touches them",
-            "",
-        )
+        if board is None or not np.isfinite(board["noise_first"]).any()
+    ]
+    if new:
+        minutes = math.ceil(SETTLED * SAMPLE_NS / 60e9)
+        how = f"it takes {minutes} min while the master runs and nothing touches them"
+        yield f"node {', '.join(new)}: not commissioned yet, so nothing is compared; {how}", ""
     elif not found:
         yield "nothing to do", ""
-
-
-def rows_of(arm: Arm, boards: Sequence[Records | None]) -> Iterator[list[str]]:
-    """Return boards as rows: medians of their tactels, and sums of counts."""
-    for p, board in enumerate(boards):
-        if board is None:
-            yield [arm.node_label(p), "not seen", *[""] * 5]
-            continue
-        known = [board[name][np.isfinite(board[name])] for name in COLUMNS]
-        values = [np.median(column) if len(column) else math.nan for column in known[:-2]]
-        values += [column.sum() for column in known[-2:]]
-        yield [arm.node_label(p), *(f"{x:.0f}" if math.isfinite(x) else "-" for x in values)]

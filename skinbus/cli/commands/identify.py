@@ -40,9 +40,8 @@ Say = Callable[..., Any]
 @click.argument("arm")
 @arm_bus_options
 @click.option("--centres-only", is_flag=True, help="Press centres only: how boards are turned is as planned.")
-@click.option("--restart", is_flag=True, help="Discard what an earlier run has found.")
 @file_option("--out", help="Write this arm file in place of ARM.")
-def command(arm: str, bus: BusWords, centres_only: bool, restart: bool, out: Path | None) -> None:
+def command(arm: str, bus: BusWords, centres_only: bool, out: Path | None) -> None:
     """Find which board sits where on ARM: press the places that are asked for, one after the other.
 
     Each place is pressed at its centre and at two corners, which show how the board is turned and whether it
@@ -50,8 +49,8 @@ def command(arm: str, bus: BusWords, centres_only: bool, restart: bool, out: Pat
     into the arm file; its comments stay. A ring whose boards differ becomes single patches. Boards need a
     node-ID, whichever: `skinbus scan assign` gives one to those without.
 
-    What was found is kept beside the arm file until it is written:
-    after an interruption the same command goes on. Several buses are identified one by one (--bus).
+    What was found is kept in FILE.identify until the arm file is written: after an interruption the same
+    command goes on. Several buses are identified one by one (--bus).
 
     Status 0: every place has its board. 1: not so. 2: bad file or argument. 3: no bus, or a master is active.
 
@@ -66,8 +65,6 @@ def command(arm: str, bus: BusWords, centres_only: bool, restart: bool, out: Pat
     number = bus_numbers(whole, [bus.name] if bus.name else [])[0]
     mountings = [mounting for mounting in arm_file.mountings if mounting.bus == number]
     places, kept = places_of(part, mountings), target.with_name(f"{target.name}.identify")
-    if restart:
-        kept.unlink(missing_ok=True)
     console = Console()
     say = partial(console.print, soft_wrap=True)
     bench = boards_on(place, part, say)

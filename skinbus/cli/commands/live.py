@@ -7,13 +7,18 @@ import sys
 from pathlib import Path
 
 import click
+import numpy as np
 
 from skinbus.cli import output
-from skinbus.cli.live_presses import press_live
+from skinbus.cli.console import Console
+from skinbus.cli.live_presses import talk
 from skinbus.cli.options import BusWords, Range, arm_bus_options
 from skinbus.cli.output import echo
+from skinbus.cli.press_csv import columns_of, read_presses, write_presses
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.system import load_arm
+from skinbus.estimate.calibration.table import Press
+from skinbus.master.commissioning.press_guide import PressGuide
 from skinbus.model import Arm
 
 
@@ -52,6 +57,30 @@ def command(
         raise click.BadParameter(f"not all are node-IDs of {part.name}: {node_ids}", param_hint="--node")
     force = math.nan if weight_n is None else weight_n
     boards = Arm(part.name, part.links, patches, *part.buses)
-    if not (press_live(boards, place, presses, force) and presses.exists()):
+    output.try_to_write(presses)
+    guide = PressGuide(boards, force, made_before(boards, presses, force))
+    n_kept = len(guide.presses)
+
+    def keep() -> None:
+        nonlocal n_kept
+        if len(guide.presses) != n_kept:
+            n_kept = len(guide.presses)
+            write_presses(presses, boards, guide.presses)
+
+    talk(guide, boards, place, Console(), keep)
+    if guide.is_quit or not presses.exists():
         echo("the same command goes on with the presses made so far", err=True)
         sys.exit(1)
+
+
+def made_before(part: Arm, path: Path, force: float) -> list[Press]:
+    """Return the presses of an earlier run; a file of another make, or another force, is refused."""
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8", errors="replace") as file:
+        if file.readline().strip() != ",".join(columns_of(part)):
+            raise click.BadParameter(f"{path} was not made by `calibrate live`; give a new name")
+    presses = read_presses(part, path)
+    if any(not np.array_equal(press.force, force, equal_nan=True) for press in presses):
+        raise click.BadParameter(f"{path} has presses of another force; give a new name")
+    return presses

@@ -79,15 +79,14 @@ def command(arm: str, presses: Path, write: bool, out: Path | None) -> None:
 
 def row_of(arm: Arm, board: Located) -> tuple[str, ...]:
     """Return the row of a board in the table."""
-    x, y, yaw = (
-        f"{scale * step:+.2f} ± {scale * sd:.2f} {unit}"
-        for scale, unit, step, sd in zip(
-            (1e3, 1e3, math.degrees(1.0)), ("mm", "mm", "deg"), board.shift,
-            np.sqrt(np.diag(board.covariance)), strict=True,
-        )
-    )  # fmt: skip
+    scale = np.array([1e3, 1e3, math.degrees(1.0)])
+    steps, sds = scale * board.shift, scale * np.sqrt(np.diag(board.covariance))
+    cells = [
+        f"{step:+.2f} ± {sd:.2f} {unit}"
+        for step, sd, unit in zip(steps, sds, ("mm", "mm", "deg"), strict=True)
+    ]
     n_made = len(board.used) + len(board.outliers) + len(board.unusable)
-    return arm.node_label(board.patch), x, y, yaw, f"{len(board.used)} of {n_made}"
+    return arm.node_label(board.patch), *cells, f"{len(board.used)} of {n_made}"
 
 
 def fault_of(arm: Arm, board: Located, scatter: float) -> str:
@@ -106,13 +105,7 @@ def fault_of(arm: Arm, board: Located, scatter: float) -> str:
         return f"it is turned by {turn:.0f} deg: say so in the arm file (yaw_deg), or by `scan identify`"
     if (shift := math.hypot(*board.shift[:2])) > MAX_SHIFT:
         fits = f"its presses fit {1e3 * shift:.0f} mm from its place, more than boards are mounted off"
-        link = arm.patches[board.patch].link
-        others = [p for p, q in enumerate(arm.patches) if q.link == link and p != board.patch]
-        off = arm.links[link].surface.distance(board.s, board.a, arm.patch_s[others], arm.patch_a[others])
-        if off.min(initial=math.inf) <= MAX_SHIFT:
-            other = arm.node_label(others[int(off.argmin())])
-            return f"{fits}: it is the place of node {other}; are their node-IDs swapped? See `scan identify`"
-        return f"{fits}: correct s_mm, angle_deg or a_mm in the arm file first, or node_id in the presses"
+        return f"{fits}: correct its place in the arm file, or node_id in the presses (see `scan identify`)"
     return ""
 
 
@@ -134,11 +127,11 @@ def remarks(board: Located, fault: str, rows: Sequence[Press]) -> Iterator[str]:
 def place_of(arm: Arm, board: Located) -> dict[str, Any]:
     """Return the place of a board as an arm file has it."""
     surface = arm.links[arm.patches[board.patch].link].surface
-    place = {"s_mm": round(1e3 * board.s, 3)}
+    place = {"s_mm": 1e3 * board.s}
     if surface.period:
-        place["angle_deg"] = round(math.degrees(board.a / surface.radius), 3)
+        place["angle_deg"] = math.degrees(board.a / surface.radius)
     else:
-        place["a_mm"] = round(1e3 * board.a, 3)
+        place["a_mm"] = 1e3 * board.a
     if "yaw" not in board.unknown:
-        place["yaw_deg"] = round(math.degrees(board.yaw), 3)
-    return place
+        place["yaw_deg"] = math.degrees(board.yaw)
+    return {key: round(value, 3) for key, value in place.items()}

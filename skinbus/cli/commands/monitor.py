@@ -17,14 +17,12 @@ from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.can.clock import Clock
 from skinbus.can.frame import Frame
 from skinbus.cli.console import Console
-from skinbus.cli.options import DEFAULT_BITRATE, BusesWords, buses_options, json_option, seconds_option
-from skinbus.cli.output import JsonFile, echo
+from skinbus.cli.options import BusWords, arm_bus_options, seconds_option
+from skinbus.cli.output import echo
 from skinbus.cli.stop_signals import Ending
 from skinbus.config.system import load_arm
 from skinbus.master.level_control import CycleFlags
-from skinbus.model import Arm, BusSettings
 from skinbus.objects.profile import MASTER_NODE_ID
-from skinbus.skin.addresses import BusAddress, channels_by_name, find_places
 from skinbus.skin.listener import ContactRow, Listener, why_not_of
 from skinbus.view.table import contact_table
 
@@ -41,27 +39,26 @@ DOUBTS = {
 
 @click.command()
 @click.argument("arm", required=False)
-@buses_options
+@arm_bus_options
 @click.option("--json-lines", "is_stream", is_flag=True, help="Print a line of JSON for every cycle instead.")
 @seconds_option
-@json_option
 def command(
     arm: str | None,
-    where: BusesWords,
+    bus: BusWords,
     is_stream: bool,
     seconds: float | None,
-    json_file: JsonFile | None,
 ) -> None:
     """Show the contacts that a master publishes, until Ctrl-C; status 1 when no master sent anything.
 
-    With ARM (a name or a TOML file) links have names; the bus carries only their numbers. Status 1, too, when
-    what was sent cannot be of ARM. Without a terminal the screen is printed once, at the end.
+    With ARM (a name or a TOML file) links have names; the bus carries only their numbers. All buses of an arm
+    carry the same contacts: name one of them. Status 1, too, when what was sent cannot be of ARM. Without a
+    terminal the screen is printed once, at the end.
 
     \b
     Examples:
       skinbus monitor --channel can0
       skinbus monitor forearm --channel can0
-      skinbus monitor arm-two-buses -c upper=can0 -c lower=can1
+      skinbus monitor arm-two-buses --bus upper -c can0
       skinbus monitor forearm --json-lines | jq -c .contacts
     """
     loaded = load_arm(arm, check_load=False) if arm else None
@@ -71,12 +68,12 @@ def command(
     is_live = console.is_terminal and not is_stream
     with (
         Ending() as ending,
-        closing(place_of(loaded, where).open()) as bus,
+        closing((bus.of(loaded)[1] if loaded else bus.place()).open()) as opened,
         Live(console=console, refresh_per_second=10) if is_live else nullcontext() as live,
     ):
         end = time.monotonic() + seconds if seconds else float("inf")
         while time.monotonic() < end and not ending.asked:
-            frames = [frame for frame in bus.receive(POLL_S) if not frame.flags]
+            frames = [frame for frame in opened.receive(POLL_S) if not frame.flags]
             for line in cycles(listener, clock, frames, links):
                 if is_stream:
                     echo(json.dumps(line))
@@ -86,24 +83,12 @@ def command(
                 live.update(_screen(listener, clock.now_ns(), links))
     if not is_stream and not live:
         console.print(_screen(listener, clock.now_ns(), links))
-    if json_file:
-        contacts = rows_of(listener.rows(clock.now_ns()), links)
-        json_file.write({"cycles": listener.n_summaries, "contacts": contacts})
     if not listener.n_summaries:
         echo("nothing of a master was received: does one run on this bus?", err=True)
     if why_not:
         echo(f"this master is not of {arm}, or of another version of its file: {why_not}", err=True)
     if why_not or not listener.n_summaries:
         raise SystemExit(1)
-
-
-def place_of(arm: Arm | None, where: BusesWords) -> BusAddress:
-    """Return the first bus that has a channel: contacts are published on all buses of an arm."""
-    buses = arm.buses if arm else (BusSettings(bitrate=DEFAULT_BITRATE),)
-    said = channels_by_name(buses, where.channels)
-    k = next((k for k, bus in enumerate(buses) if said[k] or (bus.channel and not where.channels)), 0)
-    channels = (said[k] or "",) if said[k] else ()
-    return find_places(buses[k : k + 1], *where._replace(channels=channels))[0]
 
 
 def cycles(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,11 +13,10 @@ from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import compiling
 from skinbus.cli.options import LEVELS, Range, json_option, level_option
-from skinbus.cli.output import JsonFile
 
 if TYPE_CHECKING:
     from skinbus.model import Arm
-    from skinbus.planning.plan import Plan, PlanRow
+    from skinbus.planning.plan import Plan
 
 
 @click.command()
@@ -37,9 +36,6 @@ if TYPE_CHECKING:
     type=Range(min=0.0),
     help="Longest time of a patch from the end of the SYNC to its readings in the send queue.",
 )
-@click.option(
-    "--contacts", default=16, show_default=True, type=click.IntRange(0, 16), help="Contacts in one cycle."
-)
 @json_option
 def command(
     arm: str,
@@ -48,13 +44,12 @@ def command(
     level: str,
     compute_us: float | None,
     response_us: float,
-    contacts: int,
-    json_file: JsonFile | None,
+    json_file: Callable[[Any], None] | None,
 ) -> None:
     """Compute whether the buses of ARM (a name or a TOML file) hold its rate: status 0 if so, 1 if not.
 
-    Times are worst cases by exact schedulability analysis of CAN, not averages. The table shows the latest
-    message of each kind; --json writes all of them.
+    Times are worst cases by exact schedulability analysis of CAN, not averages. --json also writes the worst
+    case of each message.
 
     \b
     Examples:
@@ -72,29 +67,30 @@ def command(
     console = Console()
     results = plans(
         loaded,
-        _time_levels(loaded, contacts, console) if compute_us is None else {level: round(1e3 * compute_us)},
+        _time_levels(loaded, console) if compute_us is None else {level: round(1e3 * compute_us)},
         level=level,
         bitrate=bitrate,
         rate_hz=rate,
         response_ns=round(1000 * response_us),
-        beside=Beside(contacts=contacts),
+        beside=Beside(),
     )
     for result in results:
         _show(result, console)
     holds = all(result.holds for result in results)
     if json_file:
         by_bus = {bus.name: result.as_dict() for bus, result in zip(loaded.buses, results, strict=True)}
-        json_file.write(results[0].as_dict() if len(results) == 1 else {"holds": holds, "buses": by_bus})
+        json_file(results[0].as_dict() if len(results) == 1 else {"holds": holds, "buses": by_bus})
     sys.exit(0 if holds else 1)
 
 
-def _time_levels(arm: Arm, contacts: int, console: Console) -> dict[str, int]:
+def _time_levels(arm: Arm, console: Console) -> dict[str, int]:
     """Return the 99th percentile of a cycle's compute time by level, ns, measured here."""
     import numpy as np
 
+    from skinbus.planning.traffic import Beside
     from skinbus.study.instant import time_cycles
 
-    n = min(contacts, arm.n_patches)
+    n = min(Beside().contacts, arm.n_patches)
     with compiling(console), console.status("timing the levels on this machine ..."):
         return {
             # Time of this thread: what other programs take is not a property of the plan.
@@ -113,16 +109,6 @@ def _show(plan: Plan, console: Console) -> None:
     console.print(
         f"{plan.arm}: {counted(len(plan.ods), 'patch')}, {speed}, {plan.rate_hz:g} Hz, level {plan.level}"
     )
-    worst = [
-        (
-            row.message.name, f"0x{row.message.cob_id:03X}",
-            f"{row.message.bits}" + (f" + {row.message.data_bits}" if row.message.data_bits else ""),
-            f"{row.message.period_ns / 1e6:g}", _ms(row.worst_ns),
-        )
-        for row in _worst_of_each_kind(plan.rows)
-    ]  # fmt: skip
-    console.table(("message", "COB-ID", "bits", "every ms", "worst ms"), worst)
-    console.print("worst ms: from the SYNC for the cycle's messages, from its own release for others\n")
     load = f"{100 * plan.load:.1f} %, of it the cycle {100 * plan.cyclic_load:.1f} %"
     facts = {
         "bus load at worst": load,
@@ -148,16 +134,6 @@ def _show(plan: Plan, console: Console) -> None:
             f"a touch is published within {_ms(plan.latency_ns)} ms"
         )
     console.print(verdict, style="bold")
-
-
-def _worst_of_each_kind(rows: Iterable[PlanRow]) -> Iterable[PlanRow]:
-    """Return the message of each kind that comes last; TPDO 1 of all patches is one kind."""
-    worst: dict[str, PlanRow] = {}
-    for row in sorted(rows, key=lambda row: row.worst_ns or sys.maxsize):
-        first, *more = row.message.name.split()
-        kind = f"TPDO {more[-1]}" if "TPDO" in more else row.message.name if first == "SDO" else first
-        worst[kind] = row
-    return worst.values()
 
 
 def _ms(ns: int | None) -> str:

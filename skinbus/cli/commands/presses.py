@@ -46,12 +46,6 @@ FEWEST: Final = 10
     help="Places of the tip over time: t_s with s_mm, a_mm (and height_mm), or x_mm, y_mm, z_mm in the "
     "frame of the link; force_n if the robot measures it.",
 )
-@click.option(
-    "--forces",
-    "force_file",
-    type=output.Readable(path_type=Path),
-    help="Forces over time: t_s, force_n, on a clock of its own.",
-)
 @click.option("--weight-n", type=Range(min=0.0, min_open=True), help="The same force in all presses, N.")
 @click.option("--link", "link_name", help="The link that is pressed; by default the only one.")
 @log_channels_option
@@ -62,7 +56,6 @@ def command(
     log: Path,
     arm: str,
     poses: Path,
-    force_file: Path | None,
     weight_n: float | None,
     link_name: str | None,
     channels: tuple[str, ...],
@@ -80,13 +73,15 @@ def command(
 
     \b
     Examples:
-      skinbus calibrate presses field.log --arm pad --poses robot.csv --forces scale.csv --out presses.csv
+      skinbus calibrate presses field.log --arm pad --poses robot.csv --out presses.csv
       skinbus calibrate presses field.log --arm pad --poses robot.csv --weight-n 4.905 --out presses.csv
     """
-    if force_file is not None and weight_n is not None:
-        raise click.UsageError("--forces and --weight-n exclude each other")
+    output.keep_files([out], "--poses", [poses.resolve()])
     whole = load_arm(arm, check_load=False)
-    link = _link(whole, link_name)
+    names = [link.name for link in whole.links]
+    if (link_name := link_name or (names[0] if len(names) == 1 else None)) not in names:
+        raise click.BadParameter(f"give one of {', '.join(names)}", param_hint="--link")
+    link = names.index(link_name)
     pose = _poses(whole, link, poses)
     t, pressures = _cycles(log, whole, channels)
     load = load_of(pressures, np.asarray(whole.tactel_threshold))
@@ -94,27 +89,30 @@ def command(
     if signal is None:
         signal = pose_signal(pose["t_s"], pose["s"], pose["a"], pose.get("height"))
     try:
-        pose_sd = _join(t, load, pose, signal, "poses")
-        forces, force_sd = pose, pose_sd
-        if force_file is not None:
-            forces = read_columns(force_file, [("t_s", "force_n")])
-            force_sd = _join(t, load, forces, forces["force_n"], "forces")
+        offset = find_offset(t, load, pose["t_s"], signal)
+        if offset.correlation < DOUBTFUL:
+            raise ValueError(f"poses go with the load of the skin by {offset.correlation:.2f} at best")
     except ValueError as error:
         echo(f"the clocks cannot be joined: {error}", err=True)
         sys.exit(1)
+    echo(
+        f"clock of the poses: {offset.s:+.3f} s to that of the skin (sd {1e3 * offset.sd:.0f} ms, "
+        f"correlation {offset.correlation:.2f})"
+    )
+    if weight_n is not None or "force_n" not in pose:
+        pose["force_n"] = np.full(len(pose["t_s"]), np.nan if weight_n is None else weight_n)
+    columns = np.stack([pose["s"], pose["a"], pose["force_n"]], -1)
     presses: list[Press] = []
     holds, n_left = find_holds(t, load), 0
     for begin, end in holds:
-        places = _within(begin, end, pose_sd, pose, "s", "a")
-        newton = np.nan if weight_n is None else weight_n
-        if weight_n is None and "force_n" in forces:
-            pushed = _within(begin, end, force_sd, forces, "force_n")
-            newton = float(pushed.mean()) if len(pushed) else 0.0
-        if not len(places) or np.ptp(places, axis=0).max() > SLID or newton <= 0.0:
+        margin = min(3.0 * offset.sd, 0.25 * (end - begin))
+        is_held = np.abs(pose["t_s"] + offset.s - 0.5 * (begin + end)) <= 0.5 * (end - begin) - margin
+        own = columns[is_held]
+        s, a, newton = own.mean(axis=0).tolist() if len(own) else (0.0, 0.0, 0.0)
+        if newton <= 0.0 or np.ptp(own[:, :2], axis=0).max() > SLID:
             n_left += 1
             continue
         means, noise = mean_and_noise(pressures[(t >= begin) & (t <= end)])
-        s, a = places.mean(axis=0).tolist()
         presses += felt(whole, link, Press(0, s, a, newton, means, noise=noise))
     if not presses:
         echo(f"no press: {counted(len(holds), 'hold')}, in none of them a tool that stands still", err=True)
@@ -124,14 +122,6 @@ def command(
     n_felt = len({press.patch for press in presses})
     echo(f"{counted(len(holds) - n_left, 'press')} on {counted(n_felt, 'patch')}{left}")
     echo(f"{out}: {counted(len(presses), 'line')}")
-
-
-def _link(arm: Arm, name: str | None) -> int:
-    names = [link.name for link in arm.links]
-    own = names[0] if name is None and len(names) == 1 else name
-    if own not in names:
-        raise click.BadParameter(f"give one of {', '.join(names)}", param_hint="--link")
-    return names.index(own)
 
 
 def _poses(arm: Arm, link: int, path: Path) -> dict[str, Floats]:
@@ -157,26 +147,6 @@ def _cycles(log: Path, arm: Arm, channels: tuple[str, ...]) -> tuple[Floats, Flo
     if len(cycles) < FEWEST:
         raise ConfigError(str(log), [Fault("file", counted(len(cycles), "cycle"), "a recording of presses")])
     return np.array([t for t, _ in cycles]), np.array([pressures for _, pressures in cycles])
-
-
-def _join(t: Floats, load: Floats, columns: dict[str, Floats], signal: Floats, what: str) -> float:
-    """Put times on the clock of the skin and return their sd, s; ValueError where nothing agrees."""
-    offset = find_offset(t, load, columns["t_s"], signal)
-    if offset.correlation < DOUBTFUL:
-        raise ValueError(f"{what} go with the load of the skin by {offset.correlation:.2f} at best")
-    echo(
-        f"clock of the {what}: {offset.s:+.3f} s to that of the skin (sd {1e3 * offset.sd:.0f} ms, "
-        f"correlation {offset.correlation:.2f})"
-    )
-    columns["t_s"] = columns["t_s"] + offset.s
-    return offset.sd
-
-
-def _within(begin: float, end: float, sd: float, columns: dict[str, Floats], *names: str) -> Floats:
-    """Return the samples (n, n_names) of columns that are in a hold for sure."""
-    margin = min(3.0 * sd, 0.25 * (end - begin))
-    rows = (columns["t_s"] >= begin + margin) & (columns["t_s"] <= end - margin)
-    return np.stack([columns[name][rows] for name in names], -1)
 
 
 def felt(arm: Arm, link: int, press: Press) -> Iterator[Press]:

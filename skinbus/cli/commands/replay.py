@@ -18,19 +18,15 @@ from skinbus.can.event import Event
 from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
-from skinbus.cli.formatting import counted, words_of
+from skinbus.cli.formatting import counted
 from skinbus.cli.host import NOT_FOR_PEOPLE
 from skinbus.cli.options import Range, file_option, level_option, log_channels_option
 from skinbus.cli.output import echo
-from skinbus.cli.recorded import Recorded, RecordedCycle
+from skinbus.cli.recorded import CONTACT_COLUMNS, Recorded, values_of
 from skinbus.config.system import load_arm
 from skinbus.estimate import TrackState
 from skinbus.skin.contact import Contact
 
-COLUMNS: Final = (
-    "time", "t_s", "sync", "id", "link", "state", "s_mm", "a_mm", "force_n", "level", "quality",
-)  # fmt: skip
-"""Of the CSV file: ``time`` of the SYNC as the recording has it, ``t_s`` since its first frame."""
 TITLES: Final = ("contact", "link", "from s", "to s", "s mm", "a mm", "force N", "cycles")
 
 
@@ -42,7 +38,11 @@ TITLES: Final = ("contact", "link", "from s", "to s", "s mm", "a mm", "force N",
 @click.option("--zero", is_flag=True, help="Take the first readings of each patch as its zero.")
 @click.option("--from", "start_s", type=Range(min=0.0), default=0.0, help="Show cycles from this time on, s.")
 @click.option("--to", "end_s", type=Range(min=0.0, min_open=True), help="End at this time, s.")
-@file_option("--out", callback=output.writable, help="Write every contact of every cycle to this CSV file.")
+@file_option(
+    "--out",
+    callback=output.writable,
+    help="Write every contact of every cycle to this CSV file; columns as in docs/export.md.",
+)
 def command(
     log: str,
     arm: str,
@@ -89,11 +89,11 @@ def command(
     source = _standard_input() if log == "-" else log
     recorded = Recorded(source, loaded, channels, console, level=level, zero=zero, on_event=on_event)
     with open(out, "w", encoding="utf-8", newline="") if out else nullcontext() as file:
-        table = csv.writer(file, lineterminator="\n") if file else None
+        table = csv.DictWriter(file, CONTACT_COLUMNS, lineterminator="\n") if file else None
         if table:
-            table.writerow(COLUMNS)
-        for made in recorded:
-            cycle, t_s = made.cycle, 1e-9 * made.cycle.t_ns
+            table.writeheader()
+        for cycle, t_ns, _ in recorded:
+            t_s = 1e-9 * cycle.t_ns
             if t_s > end_s:
                 break
             now_s = max(now_s, t_s)
@@ -101,7 +101,7 @@ def command(
             n_cycles += t_s >= start_s
             for contact in cycle.contacts if t_s >= start_s else ():
                 if table:
-                    table.writerow(row_of(made, contact))
+                    table.writerow({"t_ns": t_ns, "cycle": cycle.number} | values_of(contact))
                 if contact.state not in (TrackState.COAST, TrackState.LIFT):
                     life = lives.setdefault(contact.identity, Life(contact, t_s))
                     life.end_s, life.n_cycles = t_s, life.n_cycles + 1
@@ -138,17 +138,6 @@ class Life:
         one, span = self.firmest, (f"{self.start_s:.3f}", f"{self.end_s:.3f}")
         place = f"{1e3 * one.s:.1f}", f"{1e3 * one.a:.1f}"
         return one.id, one.link, *span, *place, f"{one.force:.2f}", self.n_cycles
-
-
-def row_of(made: RecordedCycle, contact: Contact) -> tuple[object, ...]:
-    """Return a contact of a cycle as a row of COLUMNS."""
-    t_us, cycle = made.t_ns // 1000, made.cycle
-    doubts = "" if contact.quality is None else words_of(contact.quality)
-    return (
-        f"{t_us // 1_000_000}.{t_us % 1_000_000:06d}", f"{1e-9 * cycle.t_ns:.6f}", cycle.counter, contact.id,
-        contact.link, contact.state.name.lower(), f"{1e3 * contact.s:.2f}", f"{1e3 * contact.a:.2f}",
-        f"{contact.force:.3f}", contact.level or "", doubts,
-    )  # fmt: skip
 
 
 def _standard_input() -> TextIO:

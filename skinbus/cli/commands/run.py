@@ -6,6 +6,7 @@ import secrets
 import sys
 import time
 from collections import deque
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
@@ -30,7 +31,7 @@ from skinbus.cli.options import (
     level_option,
     seconds_option,
 )
-from skinbus.cli.output import JsonFile, echo
+from skinbus.cli.output import echo
 from skinbus.cli.state_keeper import Keeper, keep_health, keep_state
 from skinbus.config.system import load_arm
 from skinbus.estimate import monotonic_clock
@@ -67,7 +68,7 @@ RECENT_NS: Final = 1_000_000_000
 @file_option(
     "--state",
     "state_file",
-    callback=output.state,
+    callback=output.writable,
     help="Keep zeros and identities of contacts over restarts here, the health of tactels in FILE.health.",
 )
 @seconds_option
@@ -82,7 +83,7 @@ def command(
     quiet: bool,
     state_file: Path | None,
     seconds: float | None,
-    json_file: JsonFile | None,
+    json_file: Callable[[Any], None] | None,
 ) -> None:
     """Run the master of ARM (a name or a TOML file) until Ctrl-C, which puts the patches to pre-operational.
 
@@ -143,7 +144,7 @@ def command(
     run.save(at_end=True)
     n_alive = run.print_end(any_received=bool(host.report.n_received))
     if json_file:
-        json_file.write(run.summary(n_alive))
+        json_file(run.summary(n_alive))
     sys.exit(0 if n_alive == loaded.n_patches else 1)
 
 
@@ -210,17 +211,15 @@ class Run:
         recent = (table.state == PatchState.SILENT) & (table.last_fresh > now_ns - RECENT_NS)
         is_alive = (table.state == PatchState.OPERATIONAL) | recent
         n_alive = int(is_alive.sum())
-        self.say(
-            f"{counted(len(self._computes), 'cycle')}, {n_alive} of {counted(self._arm.n_patches, 'patch')} "
-            f"alive; {pace.overruns} late, {pace.cut_short} cut short"
-        )
+        patches = f"{n_alive} of {counted(self._arm.n_patches, 'patch')} alive"
+        cycles = counted(len(self._computes), "cycle")
+        self.say(f"{cycles}, {patches}; {pace.overruns} late, {pace.cut_short} cut short")
         for state in PatchState:
             for where in nodes_by_bus(self._arm, ~is_alive & (table.state == state)):
                 self.say(f"{state.name.lower()}: {where}", style="yellow")
         if self._computes and not any_received:
-            self.say(
-                "no patch has sent anything: are they on this bus, powered, at this bit rate?", style="yellow"
-            )
+            text = "no patch has sent anything: are they on this bus, powered, at this bit rate?"
+            self.say(text, style="yellow")
         return n_alive
 
     def summary(self, n_alive: int) -> dict[str, object]:

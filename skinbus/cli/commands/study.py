@@ -1,4 +1,4 @@
-"""`skinbus study`: accuracy against time of an arm, the paper's figures, the law that boards ship with."""
+"""`skinbus study`: accuracy against time of an arm, and the paper's figures."""
 
 from __future__ import annotations
 
@@ -15,9 +15,6 @@ from skinbus.cli.progress import progress
 from skinbus.cli.report import figures_wanted, write_page
 
 folder_type = click.Path(file_okay=False, path_type=Path)
-seed_option = click.option(
-    "--seed", default=0, show_default=True, type=click.IntRange(min=0), help="Of all random draws."
-)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -38,12 +35,6 @@ def command() -> None:
 @click.option(
     "--trials", type=click.IntRange(min=20), default=400, show_default=True, help="Cycles of each point."
 )
-@seed_option
-@click.option(
-    "--budget-us",
-    type=click.IntRange(min=0),
-    help="Computing that a cycle may take; what it needs if left out.",
-)
 @click.option(
     "--figures",
     "folder",
@@ -51,15 +42,11 @@ def command() -> None:
     callback=output.folder,
     help="Also write accuracy.csv and a figure for each arm (SVG) here.",
 )
-@file_option("--page", help="Also write the table of decisions between the marks of this Markdown page.")
 def arm(
     arms: tuple[str, ...],
     out: Path,
     trials: int,
-    seed: int,
-    budget_us: int | None,
     folder: Path | None,
-    page: Path | None,
 ) -> None:
     """Measure error against time for each ARM (a name or a TOML file; forearm), and say which level to run.
 
@@ -70,23 +57,19 @@ def arm(
     \b
     Examples:
       skinbus study arm my-arm.toml
-      skinbus study arm --figures docs/figures --page docs/accuracy-time.md
+      skinbus study arm --figures figures
     """
     from skinbus.config.system import load_arm
     from skinbus.study import arm_study
-    from skinbus.study.marked import Marks
     from skinbus.study.paper import write_table
 
     with figures_wanted():
         from skinbus.study.draw import save
 
-    marks = Marks("<!-- decisions: made by skinbus study arm -->", "<!-- end of decisions -->")
-    if page:
-        marks.read(page)  # refused now, not after minutes
     loaded = [load_arm(name, check_load=False) for name in arms or ("forearm",)]
     names = ", ".join(arm.name for arm in loaded)
     about = (
-        f"{trials} cycles for each point, seed {seed}. Fingertips of 10 to 15 mm press 2 to 12 N anywhere on "
+        f"{trials} cycles for each point. Fingertips of 10 to 15 mm press 2 to 12 N anywhere on "
         "the boards; the simulated layer is elastic. The error of a cycle is that of its worst touch; "
         "a wrong count is an error of a pitch at least."
     )
@@ -94,7 +77,7 @@ def arm(
     shown: list[tuple[str, Any]] = [("", about)]
     with progress(Console(), "points", len(loaded) * arm_study.N_POINTS) as done:
         for one in loaded:
-            own = arm_study.measure_arm(one, trials=trials, seed=seed, budget_us=budget_us, done=done)
+            own = arm_study.measure_arm(one, trials=trials, seed=0, budget_us=None, done=done)
             figure = arm_study.draw_arm(own)
             shown.append((one.name, figure))
             if folder:
@@ -105,9 +88,6 @@ def arm(
     write_page(out, f"What accuracy costs in time: {names}", shown)
     if folder:
         write_table(folder / "accuracy.csv", points)
-    if page:
-        lines = (arm_study.TITLES, ["---"] * len(arm_study.TITLES), *rows)
-        marks.write(page, "\n".join(f"| {' | '.join(line)} |" for line in lines))
     echo(f"{out}: {len(points)} points of {names}")
 
 
@@ -128,8 +108,7 @@ def arm(
     type=click.IntRange(min=1),
     help="Random touches of each cell.",
 )
-@seed_option
-def paper(folder: Path, trials: int, seed: int) -> None:
+def paper(folder: Path, trials: int) -> None:
     """Remake figures 7 to 13 of the paper with all levels of the estimator, and its null zone.
 
     \b
@@ -143,31 +122,5 @@ def paper(folder: Path, trials: int, seed: int) -> None:
 
     console = Console()
     with progress(console, "the paper's figures", N_CELLS) as done:
-        files = make_all(folder, trials=trials, seed=seed, done=done)
+        files = make_all(folder, trials=trials, seed=0, done=done)
     console.print(f"{len(files)} files in {folder}")
-
-
-@command.command()
-@click.argument(
-    "eds",
-    nargs=-1,
-    required=True,
-    type=click.Path(exists=True, dir_okay=False, writable=True, path_type=Path),
-)
-def law(eds: tuple[Path, ...]) -> None:
-    """Learn the radial law of each board under the usual layer of rubber, pressed by fingertips.
-
-    It is written to the defaults of 0x2020 and 0x2021; the shipped files are made so.
-
-    \b
-    Example:
-      skinbus study law eds/skin-patch*.eds
-    """
-    from skinbus.study.generic_law import write_generic_law
-
-    for file in eds:
-        found = write_generic_law(file)
-        echo(
-            f"{file}: k(0) {found.table[0]:.0f} 1/m^2, reach {1e3 * float(found.reach(1.0)):.1f} mm, "
-            f"misfit {100 * found.misfit:.1f} %"
-        )

@@ -7,9 +7,8 @@ import tomllib
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
-from ipaddress import ip_address
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -33,15 +32,8 @@ YIELDS: Final = 10
 """Niceness of the process: a master on this machine comes first."""
 
 
-class Source(NamedTuple):
-    """Where the cycles of a page come from."""
-
-    title: str
-    arm: Arm
-    opening: Callable[[], Skin]
-    again_s: float | None = None
-    gone: str = "no cycles: bus or master is gone"
-    """What to say when no cycles come."""
+LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
+"""Addresses that are reached from this machine only."""
 
 
 @click.command()
@@ -58,7 +50,6 @@ class Source(NamedTuple):
     help="Address to serve on; from all others that reach it the skin can be seen.",
 )
 @click.option("--port", default=8080, show_default=True, type=click.IntRange(0, 65535), help="0: any.")
-@click.option("--dark", is_flag=True, help="Begin with dark colours.")
 @seconds_option
 def command(
     source: str,
@@ -69,7 +60,6 @@ def command(
     zero: bool,
     host: str,
     port: int,
-    dark: bool,
     seconds: float | None,
 ) -> None:
     """Show SOURCE on a web page of this machine: an arm on its buses, a scene, or a recording with --arm.
@@ -89,7 +79,7 @@ def command(
       skinbus view my-arm.toml --channel can0
       skinbus view forearm --attach arm
       skinbus view field.log --arm my-arm.toml
-      skinbus view my-scene.toml --dark --port 8081
+      skinbus view my-scene.toml --port 8081
     """
     try:
         from skinbus.view.web.page import Page
@@ -109,12 +99,12 @@ def command(
             )
             shown = Follower(played, gone="no cycles: the machine is too slow", has_zeros=False)
         else:
-            title, arm, opening, again_s, gone = source_of(source, where, shared, level)
-            shown = Follower(opening, again_s=again_s, gone=gone)
+            title, arm, opening, again_s = source_of(source, where, shared, level)
+            shown = Follower(opening, again_s=again_s)
         stack.callback(shown.close)
-        page = Page(arm, shown, title, host=host, port=port, dark=dark)
+        page = Page(arm, shown, title, host=host, port=port)
         stack.callback(page.close)
-        if not is_loopback(host):
+        if host not in LOOPBACK:
             echo(f"{host}: from all machines that reach it this page is seen", err=True)
         echo(f"{title}: {page.server.link}; Ctrl-C stops")
         os.nice(YIELDS)
@@ -127,8 +117,8 @@ def source_of(
     where: BusesWords,
     shared: str | None,
     level: Level,
-) -> Source:
-    """Return what a word and its options mean."""
+) -> tuple[str, Arm, Callable[[], Skin], float | None]:
+    """Return title, arm, source, and after what time a source that has ended is opened again, s."""
     from skinbus.config.system import load_arm
     from skinbus.skin.attached import attach
     from skinbus.skin.listened import listen
@@ -141,18 +131,18 @@ def source_of(
         if on_bus:
             raise click.UsageError("--attach reads shared memory: no bus is used")
         arm = load_arm(source, check_load=False)
-        return Source(f"{arm.name}, {shared}", arm, partial(attach, shared), AGAIN_S)
+        return f"{arm.name}, {shared}", arm, partial(attach, shared), AGAIN_S
     if not on_bus and is_scene(source):
         from skinbus.sim import load_scene
 
         scene = load_scene(source)
         is_untouched = not len(scene.touches_at(UNTOUCHED_S).touch)
         opening = partial(simulate, scene, level=level, realtime=True, zero=is_untouched)
-        return Source(f"scene {source}", scene.arm, opening, AGAIN_S, "no cycles: the machine is too slow")
+        return f"scene {source}", scene.arm, opening, AGAIN_S
     arm = load_arm(source, check_load=False)
     interface, channel, bitrate = where
     opening = partial(listen, arm, interface=interface, channel=channel, bitrate=bitrate, readings=True)
-    return Source(arm.name, arm, opening)
+    return arm.name, arm, opening, None
 
 
 def is_scene(source: str) -> bool:
@@ -165,11 +155,3 @@ def is_scene(source: str) -> bool:
         return "scene" in tomllib.loads(Path(source).read_text(encoding="utf-8"))
     except (OSError, ValueError):  # load_arm says what is wrong with it
         return False
-
-
-def is_loopback(host: str) -> bool:
-    """Whether an address is reached from this machine only."""
-    try:
-        return ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

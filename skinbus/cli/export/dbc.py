@@ -19,7 +19,7 @@ from skinbus.objects import cia
 from skinbus.objects.contacts import ContactState
 from skinbus.objects.eds import load_eds
 from skinbus.objects.eds_values import REAL32, REAL64
-from skinbus.objects.pdo import PdoEntry, PdoMap, tpdos
+from skinbus.objects.pdo import PdoMap, tpdos
 from skinbus.objects.profile import MASTER_NODE_ID
 
 LINK_AND_STATE: Final = "Link and state"
@@ -90,44 +90,28 @@ def _signals(device: Device, pdo: PdoMap) -> Iterator[Signal]:
     for entry in pdo.entries:
         if entry.is_dummy:
             continue
-        variable = device.od.get_variable(entry.index, entry.sub)
+        variable, start, bits = device.od.get_variable(entry.index, entry.sub), entry.offset, entry.bits
         label = variable.name if variable is not None else "object"
-        where = f"0x{entry.index:04X}:{entry.sub:02X}"
-        for name, start, bits, scale, unit, choices in _parts(device, entry, label):
-            own = name if name not in used else f"{name} {where}"
-            used.add(own)
-            yield Signal(
-                _name(own),
-                start,
-                bits,
-                is_signed=entry.signed and not choices,
-                conversion=BaseConversion.factory(
-                    *scale,
-                    OrderedDict(choices) or None,
-                    variable is not None and variable.data_type in (REAL32, REAL64),
-                ),
-                unit=unit,
-                comment=where,
-            )
-
-
-def _parts(
-    device: Device, entry: PdoEntry, label: str
-) -> list[tuple[str, int, int, tuple[float, float], str, dict[int, str]]]:
-    """Return name, start, bits, scale, unit and choices of the signals of an object."""
-    start, bits = entry.offset, entry.bits
-    if entry.index in cia.READINGS and entry.sub in device.readings:
-        return [(f"tactel_{entry.sub}", start, bits, device.readings[entry.sub], "Pa", {})]
-    if label == LINK_AND_STATE and bits == 8:
-        links = {k: _ascii(link) for k, link in enumerate(device.links[:16])}
-        states = {int(state): state.name.lower() for state in ContactState}
-        return [
-            ("link", start, 4, (1.0, 0.0), "", links),
-            ("state", start + 4, 4, (1.0, 0.0), "", states),
-        ]
-    if match := UNIT.fullmatch(label):
-        return [(match[1], start, bits, (float(match[2] or 1), 0.0), match[3], {})]
-    return [(label, start, bits, (1.0, 0.0), "", {})]
+        is_float = variable is not None and variable.data_type in (REAL32, REAL64)
+        comment = f"0x{entry.index:04X}:{entry.sub:02X}"
+        if label == LINK_AND_STATE and bits == 8:
+            links = {k: _ascii(link) for k, link in enumerate(device.links[:16])}
+            states = {int(state): state.name.lower() for state in ContactState}
+            for name, first, words in (("link", start, links), ("state", start + 4, states)):
+                choices = BaseConversion.factory(choices=OrderedDict(words))
+                yield Signal(name, first, 4, conversion=choices, comment=comment)
+            continue
+        factor, offset, unit = 1.0, 0.0, ""
+        if entry.index in cia.READINGS and entry.sub in device.readings:
+            label, (factor, offset), unit = f"tactel_{entry.sub}", device.readings[entry.sub], "Pa"
+        elif match := UNIT.fullmatch(label):
+            label, factor, unit = match[1], float(match[2] or 1), match[3]
+        label = label if label not in used else f"{label} {comment}"
+        used.add(label)
+        scale = BaseConversion.factory(factor, offset, None, is_float)
+        yield Signal(
+            _name(label), start, bits, is_signed=entry.signed, conversion=scale, unit=unit, comment=comment
+        )
 
 
 def _ascii(text: str) -> str:

@@ -10,18 +10,17 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from skinbus.cli.recorded import COVARIANCES, READING, RecordedCycle, values_of
+from skinbus.cli.recorded import CONTACT_COLUMNS, READING, RecordedCycle, values_of
 from skinbus.model import Arm
 
 CONTACTS: Final = pa.schema(
     [
-        ("t_ns", pa.int64()),
-        ("cycle", pa.int32()),
-        ("id", pa.uint8()),
-        ("identity", pa.int64()),
-        *((name, pa.string()) for name in ("state", "link", "quality", "level")),
-        *((name, pa.float64()) for name in ("s_m", "a_m", "force_n", "x_m", "y_m", "z_m")),
-        *((name, pa.float64()) for name in ("normal_x", "normal_y", "normal_z", *COVARIANCES)),
+        *zip(
+            CONTACT_COLUMNS,
+            (pa.int64(), pa.int32(), pa.uint8(), pa.int64(), *[pa.string()] * 4),
+            strict=False,
+        ),
+        *((name, pa.float64()) for name in CONTACT_COLUMNS[8:]),
     ]
 )
 ROWS: Final = 100_000

@@ -1,4 +1,4 @@
-"""A field: presses on the pad that were recorded, what robot and force sensor logged, and the truth."""
+"""A field: presses on the pad that were recorded, what the robot logged, and the truth."""
 
 import numpy as np
 
@@ -6,13 +6,13 @@ from skinbus.can.candump import CandumpWriter
 from tests.master.rig import Rig
 
 SHIFT_S = 17.25
-"""The clock of the robot less that of the skin; that of the force sensor is 3 s behind."""
+"""The clock of the robot less that of the skin."""
 PLACE_MM, FORCE = 0.1, 0.01
 """Errors of what the robot and the force sensor say: mm, and a part."""
 
 
 def make_field(folder, n, seed):
-    """Write field.log, robot.csv, xyz.csv, force.csv; return begins, ends, s, a and forces of the presses."""
+    """Write field.log, robot.csv, xyz.csv; return begins, ends, s, a and forces of the presses."""
     rng = np.random.default_rng(seed)
     begin, lines, truth = 1.0, [], []
     for _ in range(n):
@@ -38,9 +38,9 @@ def make_field(folder, n, seed):
     force = (pressing * truth[:, 4]).sum(axis=1) * (1.0 + FORCE * rng.standard_normal())
     height = 20.0 * (pressing.sum(axis=1) == 0.0)
     offset = PLACE_MM * rng.standard_normal((2, 1))
-    write(folder / "robot.csv", "t_s,s_mm,a_mm,height_mm", t + SHIFT_S, *(np.array([s, a]) + offset), height)
+    places = np.array([s, a]) + offset
+    write(folder / "robot.csv", "t_s,s_mm,a_mm,height_mm,force_n", t + SHIFT_S, *places, height, force)
     write(folder / "xyz.csv", "t_s,x_mm,y_mm,z_mm", t + SHIFT_S, s, a, height)
-    write(folder / "force.csv", "t_s,force_n", t - 3.0, force)
     return truth
 
 

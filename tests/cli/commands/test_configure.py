@@ -33,7 +33,7 @@ s_mm = 80.0
 """
 
 
-def test_table_groups_nodes_and_elements_of_an_array(tmp_path):
+def test_table_groups_nodes_and_counts_elements_of_an_array(tmp_path):
     (tmp_path / "two.toml").write_text(ARM)
     arm = load_arm(tmp_path / "two.toml")
     ods = dict(zip((1, 2), ods_of(arm), strict=True))
@@ -46,7 +46,7 @@ def test_table_groups_nodes_and_elements_of_an_array(tmp_path):
     }
     assert change_rows(ods, results) == {
         ("0x2030:01 Touch Pa", "2000", "1500"): [1, 2],
-        ("0x2011 Tactel gain", "1, 1, 1, 1, ... (15 values)", "1.1, 1.1, 1.1, 1.1, ... (15 values)"): [1],
+        ("0x2011 Tactel gain", "15 values", ""): [1],
     }
     console = Console(record=True, width=120)
     show(console, arm, ods, results | {2: Provisioned(Provision.ABSENT, "device type")})

@@ -17,14 +17,12 @@ from click.testing import CliRunner
 
 from skinbus.bus.realtime import N_TOO_MANY, N_WORTH_IT, GcScheduler
 from skinbus.cli import diagnostics as checks
-from skinbus.cli import group
 from skinbus.cli.commands.doctor import command, unit_text
 from skinbus.cli.notify import Notifier
 from skinbus.config.arm_file import find_arm
 from skinbus.config.arm_tables import ArmTable
 from skinbus.config.system import load_arm
 from skinbus.errors import AddressError
-from skinbus.jit.kernel_files import KernelFolder
 from skinbus.skin.addresses import BusAddress
 from skinbus.skin.cycle import SkinLayout
 from skinbus.skin.shared_memory import SharedWriter, path_of
@@ -132,7 +130,7 @@ def test_doctor_of_buses_without_channels_names_them_and_goes_on():
     answer = CliRunner().invoke(command, ["arm-two-buses"])
     assert answer.exit_code == 1
     assert "bus lower has no channel" in answer.output
-    assert "kernel cache" in answer.output
+    assert "wake-ups" in answer.output
     wrong = CliRunner().invoke(command, ["arm-two-buses", "--interface", "virtuel"])
     assert isinstance(wrong.exception, AddressError)
 
@@ -167,33 +165,16 @@ def test_controller_findings_have_advice_where_something_is_wrong(data, fd, advi
     assert all(not fd or "dbitrate 5000000 fd on" in finding.advice for finding in found)
 
 
-def test_cold_kernel_cache_is_reported(tmp_path, monkeypatch):
-    monkeypatch.setattr(checks, "kernel_folder", lambda: KernelFolder(tmp_path))
-    (finding,) = checks.check_cache()
-    assert finding.advice.startswith("skinbus doctor warm  (")
-    monkeypatch.setattr(checks, "kernel_folder", lambda: KernelFolder(None, "cannot be written"))
-    (finding,) = checks.check_cache()
-    assert finding.found == "none: cannot be written"
-    assert "NUMBA_CACHE_DIR" in finding.advice
-
-
-def test_unit_runs_the_arm_that_the_doctor_was_given(tmp_path, monkeypatch):
+def test_unit_runs_the_arm_that_the_doctor_was_given(tmp_path):
     arm = tmp_path / "my arm.toml"
     arm.write_text(find_arm("arm-two-buses").read_text())
-    args = [str(arm), "-c", "upper=can0", "-c", "lower=can1", "--bitrate", "500000", "--unit"]
-    answer = CliRunner().invoke(command, args)
+    answer = CliRunner().invoke(command, [str(arm), "--unit"])
     assert answer.exit_code == 0, answer.output
     (line,) = [line for line in answer.output.splitlines() if line.startswith("ExecStart=")]
-    wanted = f' run "{arm}" --channel upper=can0 --channel lower=can1 --bitrate 500000 --quiet'
-    assert line.endswith(f"{wanted} --state %S/skinbus/state --share my-arm")
-    wrong = ["doctor", str(arm), "--channel", "middle=can0", "--unit"]
-    assert CliRunner().invoke(group, wrong).exit_code == 2
-
-
-def test_unit_is_valid_and_for_socketcan_only(tmp_path):
-    analyze(tmp_path, unit_text("forearm", "socketcan", ["x0"]), "verify")
+    assert line.endswith(f' run "{arm}" --quiet --state %S/skinbus/state --share my-arm')
+    analyze(tmp_path, unit_text("forearm"), "verify")
     answer = CliRunner().invoke(command, ["forearm", "--interface", "slcan", "--unit"])
-    assert (answer.exit_code, "the unit is for socketcan" in answer.output) == (2, True)
+    assert (answer.exit_code, "the unit is for SocketCAN" in answer.output) == (2, True)
 
 
 def test_no_path_breaks_out_of_its_line_of_the_unit(tmp_path):

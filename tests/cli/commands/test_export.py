@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
-from foxglove_schemas_protobuf import FrameTransforms_pb2, PointCloud_pb2, SceneUpdate_pb2
+from foxglove_schemas_protobuf import PointCloud_pb2, SceneUpdate_pb2
 from mcap.reader import make_reader
 
 from skinbus.can.candump import CandumpWriter, format_line
@@ -109,11 +109,7 @@ def test_parquet_has_the_contacts_of_replay(field, here):
     expected = list(csv.DictReader(Path("replay.csv").read_text().splitlines()))
     assert len(table) == len(expected) > 20
     for row, other in zip(table, expected, strict=True):
-        assert f"{row['t_ns'] / 1e9:.3f}" == f"{float(other['time']):.3f}"
-        assert [str(row[name]) for name in ("id", "link", "state", "quality", "level")] == [
-            other[name] for name in ("id", "link", "state", "quality", "level")
-        ]
-        assert f"{1e3 * row['s_m']:.2f}" == other["s_mm"]
+        assert {name: "" if cell is None else str(cell) for name, cell in row.items()} == other
         assert row["cov_s_s"] > 0.0
         assert row["x_m"] == pytest.approx(row["s_m"])
 
@@ -121,7 +117,6 @@ def test_parquet_has_the_contacts_of_replay(field, here):
 KINDS = {
     "foxglove.PointCloud": PointCloud_pb2.PointCloud,
     "foxglove.SceneUpdate": SceneUpdate_pb2.SceneUpdate,
-    "foxglove.FrameTransforms": FrameTransforms_pb2.FrameTransforms,
 }
 """Foxglove's own description of its messages."""
 TYPES = {1: "u1", 6: "<i4", 7: "<f4", 8: "<f8"}
@@ -143,7 +138,7 @@ def test_mcap_holds_readings_and_contacts_in_messages_that_foxglove_knows(field,
     exported(field, "--arm", "pad", "--out", "x.mcap")
     topics = messages_of("x.mcap")
     counts = {}
-    for t_ns, cloud in topics["/pressures/plate"]:
+    for t_ns, cloud in topics["/pressures"]:
         dtype = np.dtype(
             {
                 "names": [field.name for field in cloud.fields],
@@ -163,20 +158,11 @@ def test_mcap_holds_readings_and_contacts_in_messages_that_foxglove_knows(field,
         {name: cell for name, cell in row.items() if name not in ("t_ns", "cycle")}
         for row in pq.read_table("x.contacts.parquet").to_pylist()
     ]
-    arrows = [entity for _, scene in topics["/contacts"] for entity in scene.entities]
-    for contact, entity in zip(values, arrows, strict=True):
+    lines = [entity for _, scene in topics["/contacts"] for entity in scene.entities]
+    for contact, entity in zip(values, lines, strict=True):
         assert entity.id == f"contact {contact['id']}"
-        (arrow,) = entity.arrows
-        assert arrow.pose.position.z == pytest.approx(arrow.shaft_length + arrow.head_length)
-
-
-def test_a_log_without_sync_has_cycles_too(field, here):
-    path = changed(here, [format_line(frame) for frame in frames_in(field) if frame.can_id != 0x80])
-    exported(path, "--arm", "pad", "--out", "x.parquet", "--level", "kmeans")
-    table = pq.read_table("x.parquet")
-    n_syncs = sum(frame.can_id == 0x80 for frame in frames_in(field))
-    assert abs(int(table["cycle"].to_numpy().max()) - n_syncs) < 10
-    assert np.isfinite(table["zeroed_pa"].to_numpy()).mean() > 0.5
+        foot, end = entity.lines[0].points
+        assert (foot.x, end.z) == pytest.approx((contact["x_m"], 5e-3 * contact["force_n"]))
 
 
 @pytest.mark.parametrize(
@@ -186,10 +172,8 @@ def test_a_log_without_sync_has_cycles_too(field, here):
         ("LOG --arm pad --out x.csv", ".mcap"),
         ("LOG --out x.mcap", "--arm"),
         ("LOG --arm nobody --out x.mcap", "nobody"),
-        ("LOG --arm pad --out notes.mcap", "would be lost"),
         ("LOG --arm pad --out link.mcap", "symbolic link"),
         ("LOG --arm pad --out no/such/x.mcap", "cannot write"),
-        ("field.mcap --arm pad --out field.mcap", "would be lost"),
         ("absent.log --arm pad --out x.mcap", "No such file"),
         ("empty.log --arm pad --out x.mcap", "empty"),
         ("LOG --arm pad --out x.dbc", "arm alone"),
@@ -198,16 +182,12 @@ def test_a_log_without_sync_has_cycles_too(field, here):
     ],
 )
 def test_what_is_wrong_is_refused_and_nothing_is_written_over(field, here, args, said):
-    Path("notes.mcap").write_text("mine")
-    Path("field.mcap").write_bytes(field.read_bytes())
     Path("link.mcap").symlink_to("elsewhere.mcap")
     Path("empty.log").write_text("")
     result = export(*(field if arg == "LOG" else arg for arg in args.split()))
     assert result.exit_code == 2 or isinstance(result.exception, ConfigError)  # main makes them 2
     assert said in result.output + str(result.exception or "")
-    assert Path("notes.mcap").read_text() == "mine"
-    assert Path("field.mcap").read_bytes() == field.read_bytes()
-    assert {path.name for path in here.iterdir()} == {"notes.mcap", "field.mcap", "link.mcap", "empty.log"}
+    assert {path.name for path in here.iterdir()} == {"link.mcap", "empty.log"}
 
 
 def test_a_log_of_another_arm_leaves_what_was_there(field, here):

@@ -9,7 +9,6 @@ import pytest
 from click.testing import CliRunner
 
 from skinbus.cli import group
-from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm
 from tests.cli.commands.press_table import write_presses
 from tests.estimate.calibration.located_boards import made
@@ -60,27 +59,15 @@ def test_outliers_are_named_by_their_lines(case, tmp_path):
     assert result.exit_code == 0
 
 
-def test_swapped_columns_move_nothing(case, tmp_path):
-    path, planned, _, presses = case
-    table = write_presses(tmp_path / "presses.csv", presses, planned, swap=True)
-    result = locate(path, table, "--out", tmp_path / "out.toml")
-    assert result.exit_code == 1
-    old, new = read_arm_file(path).mountings, read_arm_file(tmp_path / "out.toml").mountings
-    assert [(m.s, m.a, m.yaw) for m in old] == [(m.s, m.a, m.yaw) for m in new]
-
-
 def test_boards_at_each_others_places_are_not_moved_and_both_are_named(case, tmp_path):
     path, planned, _, presses = case
     swapped = [replace(press, patch={4: 13, 13: 4}.get(press.patch, press.patch)) for press in presses]
     table = write_presses(tmp_path / "presses.csv", swapped, planned)
     result = locate(path, table, "--out", tmp_path / "out.toml")
     assert result.exit_code == 1, result.output
-    assert re.search(
-        r"^node 5: its presses fit \d+ mm from its place.* the place of node 14;", result.output, re.M
-    )
-    assert re.search(
-        r"^node 14: its presses fit \d+ mm from its place.* the place of node 5;", result.output, re.M
-    )
+    for node_id in (5, 14):
+        said = rf"^node {node_id}: its presses fit \d+ mm from its place.* node_id in the presses"
+        assert re.search(said, result.output, re.M)
     assert "18 boards moved" in result.output
     old, new = load_arm(path, check_load=False), load_arm(tmp_path / "out.toml", check_load=False)
     assert [(new.patch_s[p], new.patch_a[p]) for p in (4, 13)] == [

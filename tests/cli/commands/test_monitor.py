@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from skinbus.cli.commands.monitor import cycles, place_of
-from skinbus.cli.options import BusesWords
+from skinbus.cli.commands.monitor import cycles
 from skinbus.config.system import load_arm
 from skinbus.master.level_control import CycleFlags
 from skinbus.objects.contacts import ContactState
@@ -51,12 +50,3 @@ def test_what_another_arm_has_published_is_not_shown_as_that_of_the_arm_file(ali
     summary = Summary(1, 1, alive, CycleFlags(0), "fit", 100, 1000, 0)
     row = ContactRow(slot=0, id=1, link=link, state=ContactState.HELD, s=s, a=a, force=3.0, t_ns=0)
     assert why_not_of(load_arm("pad"), summary, [row]) == why
-
-
-@pytest.mark.parametrize(
-    ("channels", "channel"),
-    [(("can3",), "can3"), (("upper=can3", "lower=can4"), "can3"), (("lower=can4",), "can4")],
-)
-def test_channels_are_named_as_for_the_master_and_one_bus_is_enough(channels, channel):
-    assert place_of(load_arm("arm-two-buses"), BusesWords(None, channels, None)).channel == channel
-    assert place_of(load_arm("forearm"), BusesWords(None, (), None)).channel == "can0"

@@ -102,7 +102,7 @@ def arm_and_scene(tmp_path):
 
 @pytest.mark.slow
 def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
-    skinbus, group, client, manager, arm_and_scene, monkeypatch, tmp_path
+    skinbus, group, client, manager, arm_and_scene, monkeypatch
 ):
     bus = ("--interface", "udp_multicast", "--channel", group)
     arm, scene = arm_and_scene
@@ -127,16 +127,14 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
     states = client.sdo["Patch state"]
     wait_until(lambda: [states[node_id].raw for node_id in (1, 24, 25)] == [4, 4, 0])
 
-    file = tmp_path / "monitor.json"
-
     def seen_by_monitor():
-        monitor = skinbus("monitor", *bus, "--seconds", "2", "--json", str(file))
-        _, err = monitor.communicate(timeout=PATIENCE_S)
+        monitor = skinbus("monitor", *bus, "--seconds", "2", "--json-lines")
+        out, err = monitor.communicate(timeout=PATIENCE_S)
         assert monitor.returncode == 0, err
-        return json.loads(file.read_text())["contacts"]
+        return [seen for line in out.splitlines() for seen in json.loads(line)["contacts"]]
 
     # two seconds may pass without a contact when the patches are held up
-    (seen, *_) = until_in_time(seen_by_monitor, bool)
+    (*_, seen) = until_in_time(seen_by_monitor, bool)
     assert seen["s_mm"] == pytest.approx(78.0, abs=3.0)
 
     with attach(shared) as skin:

@@ -3,7 +3,7 @@
 import pytest
 from click.testing import CliRunner
 
-from skinbus.cli.commands.view import command, is_loopback, is_scene
+from skinbus.cli.commands.view import command, is_scene
 
 
 def test_word_that_names_arm_and_scene_is_a_scene_and_a_file_is_what_its_tables_say(tmp_path):
@@ -15,14 +15,6 @@ def test_word_that_names_arm_and_scene_is_a_scene_and_a_file_is_what_its_tables_
     scene.write_text('[scene]\narm = "pad"\n')
     assert is_scene(str(scene))
     assert not is_scene(str(tmp_path))
-
-
-@pytest.mark.parametrize(
-    ("host", "is_here"),
-    [("127.0.0.1", True), ("127.9.9.9", True), ("::1", True), ("localhost", True), ("0.0.0.0", False)],
-)
-def test_addresses_of_this_machine_are_distinguished_from_others(host, is_here):
-    assert is_loopback(host) is is_here
 
 
 def test_shared_memory_and_a_bus_are_not_shown_at_once():
