@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from heapq import heappop, heappush
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -20,20 +19,17 @@ from skinbus.can.frame import REMOTE_ID, RTR, Frame
 from skinbus.model import Arm
 from skinbus.node import Device
 from skinbus.node.storage import MemoryStorage
-from skinbus.objects.cia import READINGS, SYNC_ID, NmtState
+from skinbus.objects.cia import READINGS, SYNC_ID
 from skinbus.sim.effect import FrameStep, at
 
 Counts = npt.NDArray[np.int32]
 
 
-class Source(Protocol):
-    """What gives the boards of one bus their readings: a scene, a sensor, an existing skin."""
+Source = Callable[[int], Counts]
+"""What boards of one bus read: the newest counts (n_tactels,), left-adjusted, at a time (ns).
 
-    def newest(self, now_ns: int) -> tuple[Counts, int]:
-        """Return the newest counts (n_tactels,), left-adjusted, and when they were sampled (ns).
-
-        Called at each SYNC. An array that was returned before is not looked at again.
-        """
+It is called at each SYNC. An array that was returned before is not looked at again.
+"""
 
 
 class Boards:
@@ -96,13 +92,6 @@ class Boards:
             for view, tactels in self._shows:
                 view[:] = counts[tactels]
 
-    def look(self, counts: Counts) -> None:
-        """Show counts, and let the devices see with the next step whether they are worth an event."""
-        self.show(counts)
-        for i, device in enumerate(self.devices):
-            if device.nmt_state is NmtState.OPERATIONAL:
-                self.wake(i, 0)
-
     def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> Step:
         """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
         if now_ns < self._due_ns and not frames:
@@ -114,7 +103,7 @@ class Boards:
             self._power_on(now_ns, out, events)
         for frame in frames:
             if frame.can_id == SYNC_ID and not frame.flags:
-                self.show(self._source.newest(now_ns)[0])
+                self.show(self._source(now_ns))
             if self.frame_steps:
                 self._hear_spoilt(now_ns, [frame], out, events)
                 continue

@@ -1,15 +1,9 @@
-"""Joints that move in a scene: their positions over time, and where a touch that is fixed in the base goes.
-
-Positions are piecewise linear between keys. A touch in the base presses where the surface is nearest to its
-point: the path of that place over the surface is computed ahead, and kept as keys like any path.
-"""
+"""Joints that move in a scene: their positions over time, piecewise linear between keys."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import MISSING, replace
-from itertools import pairwise
-from typing import Final
+from dataclasses import MISSING
 
 import numpy as np
 import numpy.typing as npt
@@ -17,16 +11,9 @@ import numpy.typing as npt
 from skinbus.errors import ConfigError, Fault
 from skinbus.model import Arm
 from skinbus.robot.chain import Chain, load_chain
-from skinbus.robot.frames import RobotFrames
 from skinbus.sim.effect import parameter, settings
-from skinbus.sim.touch import Touch
 
 Floats = npt.NDArray[np.float64]
-
-KEY_S: Final = 2e-3
-"""Between the keys of such a path: a surface that accelerates by 10 m/s^2 is 5 um off the line between."""
-MOST_KEYS: Final = 100_000
-"""Of such a path: 200 s of motion."""
 
 
 @settings
@@ -49,7 +36,6 @@ class JointMotion:
         self.names = chain.names
         self.moved = tuple(paths)
         """Names of the joints that have a path."""
-        self._frames = RobotFrames(arm, chain)
         fixed = {joint.name: joint.fixed or 0.0 for joint in arm.robot.joints}
         self._paths = [paths.get(name, np.array([[0.0, fixed.get(name, 0.0)]])) for name in chain.names]
 
@@ -57,42 +43,6 @@ class JointMotion:
         """Return the positions at scene times (...,), (..., n_joints) rad or m."""
         paths = [np.interp(np.asarray(t_s), path[:, 0], path[:, 1]) for path in self._paths]
         return np.stack(paths, -1) if paths else np.zeros((*np.shape(t_s), 0))
-
-    def surface_pose(self, link: int, t_s: npt.ArrayLike) -> tuple[Floats, Floats]:
-        """Return rotations (..., 3, 3) and origins (..., 3) m of the surface of a link in the base."""
-        X_BS = self._frames.surface_poses(self.positions(t_s))[..., link, :, :]
-        return X_BS[..., :3, :3], X_BS[..., :3, 3]
-
-    def in_base(self, touch: Touch) -> Touch:
-        """Return a touch with the path of one that stays where it is in the base when it begins.
-
-        Raises:
-            ValueError: joints move too long while it presses.
-        """
-        surface = self._frames.arm.links[touch.link].surface
-        R, p = self.surface_pose(touch.link, touch.start)
-        point = R @ surface.position(*touch.path[0, 1:])[0] + p
-        times = self._times(touch.start, touch.end)
-        R, p = self.surface_pose(touch.link, times)
-        here = ((point - p)[:, None] @ R)[:, 0]
-        path = np.stack([times, *surface.project(here)[:2]], -1)
-        if surface.period:
-            path[:, 2] = np.unwrap(path[:, 2], period=surface.period)
-        return replace(touch, path=path)
-
-    def _times(self, start: float, end: float) -> Floats:
-        """Return times from start to end: those of all keys, and close ones in between where joints move."""
-        every = np.concatenate([[start, end], *(path[:, 0] for path in self._paths)])
-        keys = np.unique(every[(every >= start) & (every <= end)])
-        times = [keys[:1]]
-        for begin, stop in pairwise(keys.tolist()):
-            moves = not np.array_equal(self.positions(begin), self.positions(stop))
-            times.append(
-                np.linspace(begin, stop, 1 + (int(np.ceil((stop - begin) / KEY_S)) if moves else 1))[1:]
-            )
-        if sum(map(len, times)) > MOST_KEYS:
-            raise ValueError(f"at most {MOST_KEYS * KEY_S:g} s of motion under a touch in the base")
-        return np.concatenate(times)
 
 
 def motion_of(

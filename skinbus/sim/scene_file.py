@@ -91,7 +91,7 @@ def scene_of(
     motion = _motion(document.get("joint", []), arm, faults)
     tables = _read_each(TouchTable, "touch", document.get("touch", []), faults)
     duration_s = head.duration_s if head else None
-    touches = [touch_of(table, key, arm, duration_s, motion, faults) for key, table in tables]
+    touches = [touch_of(table, key, arm, duration_s, faults) for key, table in tables]
     effects = _effects(document.get("effect", {}), arm, faults)
     faults += _law_faults(layer, [table for _, table in tables], document.get("effect", {}))
     if faults or head is None or arm is None or layer is None:

@@ -1,15 +1,14 @@
 """One [[touch]] of a scene file, and the touch it means on an arm.
 
 Where: ``xyz_mm``, a point of the surface; ``s_mm`` with ``angle_deg`` (closed surfaces) or ``a_mm``; or
-``path``, keys of [t_s, s_mm, angle_deg], on planes [t_s, s_mm, a_mm]. With ``fixed_in = "base"`` a touch
-stays where it begins, in the base of the robot, while the arm moves under it. How hard: ``force_n`` as keys
-of [t_s, N]; or one number with ``start_s``, ``end_s`` and ``ramp_s`` at either end. All times are scene time.
+``path``, keys of [t_s, s_mm, angle_deg], on planes [t_s, s_mm, a_mm]. How hard: ``force_n`` as keys of
+[t_s, N]; or one number with ``start_s``, ``end_s`` and ``ramp_s`` at either end. All times are scene time.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from pydantic import Field
@@ -20,9 +19,6 @@ from skinbus.model.mesh_surface import MeshSurface
 from skinbus.sim.effect import Floats, parameter, settings
 from skinbus.sim.indenter import Shape
 from skinbus.sim.touch import Touch
-
-if TYPE_CHECKING:
-    from skinbus.sim.joint_motion import JointMotion
 
 _SIZES: Final = {
     "point": (),
@@ -52,7 +48,6 @@ class TouchTable:
     a_mm: float | None = None
     xyz_mm: tuple[float, float, float] | None = None
     path: tuple[tuple[float, float, float], ...] | None = parameter(None, "s, mm, deg", "keys", min_length=2)
-    fixed_in: Literal["link", "base"] = "link"
     force_n: Annotated[float, Field(ge=0, le=10_000)] | Keys2
     start_s: float | None = parameter(None, "s", "first contact", ge=0)
     end_s: float | None = parameter(None, "s", "end of contact", gt=0)
@@ -76,7 +71,6 @@ def touch_of(
     key: str,
     arm: Arm | None,
     duration_s: float | None,
-    motion: JointMotion | None,
     faults: list[Fault],
 ) -> Touch | None:
     """Return the touch that a table means, or None after adding its faults."""
@@ -91,12 +85,9 @@ def touch_of(
             path = _path(table, key, arm.links[link].surface, faults)
         else:
             faults.append(Fault(f"{key}.link", table.link, f"a link of arm {arm.name}: {', '.join(names)}"))
-    if table.fixed_in == "base" and motion is None:
-        wanted = "[robot] in the arm file and [[joint]] in the scene"
-        faults.append(Fault(f"{key}.fixed_in", "base", wanted))
     if len(faults) > before or path is None or force is None:
         return None
-    touch = Touch(
+    return Touch(
         link=link,
         path=path,
         force=_with_impact(force, table),
@@ -108,13 +99,6 @@ def touch_of(
         inclination=table.inclination,
         direction=math.radians(table.direction_deg),
     )
-    if table.fixed_in == "link" or motion is None:
-        return touch
-    try:
-        return motion.in_base(touch)
-    except ValueError as error:
-        faults.append(Fault(f"{key}.fixed_in", "base", str(error)))
-        return None
 
 
 def _beside(table: TouchTable, key: str, others: tuple[str, ...], what: str, faults: list[Fault]) -> None:
@@ -151,8 +135,6 @@ def _path(table: TouchTable, key: str, surface: Surface, faults: list[Fault]) ->
         scale = 1e-3 if table.angle_deg is None else math.radians(1.0) * surface.radius
         keys = np.array([[0.0, 1e-3 * table.s_mm, scale * a]])
     else:
-        if table.fixed_in == "base":
-            faults.append(Fault(f"{key}.path", None, 'no path: fixed_in = "base" keeps it in one place'))
         _beside(table, key, ("s_mm", "angle_deg", "a_mm"), "a path", faults)
         scale = math.radians(1.0) * surface.radius if closed else 1e-3
         keys = np.array(table.path) * (1.0, 1e-3, scale)

@@ -15,7 +15,7 @@ H = 6e-3
 TACTEL = 9.53e-3 / 2
 
 
-def solved_transfer(xi, *, thickness, poisson, depth):
+def solved_transfer(xi, *, thickness, poisson, depth, tangential):
     """The layer by a 4 x 4 system of its boundary conditions, from the displacements of plane strain.
 
     Papkovich-Neuber's form of them (2 mu u, 2 mu w) for exp(+-q), q = xi z from the surface down, in mpmath.
@@ -48,18 +48,18 @@ def solved_transfer(xi, *, thickness, poisson, depth):
     for k in range(4):
         matrix[0, k], matrix[1, k] = top[k][2], top[k][3]
         matrix[2, k], matrix[3, k] = base[k][0], base[k][1]
-    c = mp.lu_solve(matrix, mp.matrix([1, 0, 0, 0]))
+    c = mp.lu_solve(matrix, mp.matrix([0, -1, 0, 0] if tangential else [1, 0, 0, 0]))
     return float(sum(c[k] * at[k][2] for k in range(4)))
 
 
 @pytest.mark.parametrize("poisson", [0.0, 0.3, 0.48, 0.4999])
 @pytest.mark.parametrize("depth", [H, 0.4 * H])
-def test_transfer_satisfies_the_boundary_conditions_solved_one_by_one(poisson, depth):
-    xi = np.array([1.0, 50.0, 200.0, 700.0, 3000.0])
-    wanted = [solved_transfer(x, thickness=H, poisson=poisson, depth=depth) for x in xi]
-    np.testing.assert_allclose(
-        transfer(xi, thickness=H, poisson=poisson, depth=depth), wanted, rtol=1e-9, atol=1e-15
-    )
+@pytest.mark.parametrize("tangential", [False, True])
+def test_transfer_satisfies_the_boundary_conditions_solved_one_by_one(poisson, depth, tangential):
+    xi = np.array([0.01, 1.0, 50.0, 200.0, 700.0, 3000.0])
+    layer = {"thickness": H, "poisson": poisson, "depth": depth, "tangential": tangential}
+    wanted = [solved_transfer(x, **layer) for x in xi]
+    np.testing.assert_allclose(transfer(xi, **layer), wanted, rtol=1e-9, atol=1e-15)
 
 
 def hankel(d, *, tactel, indenter, poisson=0.48):
@@ -97,6 +97,13 @@ def test_thick_layer_is_the_half_space_of_boussinesq():
         for poisson in (0.2, 0.48):
             k = profile(r, thickness=thickness, poisson=poisson, depth=depth)
             assert np.abs(k - wanted).max() < tolerance * wanted[0]
+
+
+def test_thick_layer_under_a_tangential_load_is_the_half_space_of_cerruti():
+    z, d = 0.002, np.linspace(0.0, 0.02, 41)
+    given = profile(d, thickness=0.2, poisson=0.3, depth=z, tangential=True)
+    expected = 3.0 * d * z * z / (2.0 * np.pi * (d * d + z * z) ** 2.5)
+    np.testing.assert_allclose(given, expected, atol=2e-4 * expected.max())
 
 
 @pytest.mark.parametrize("poisson", [0.3, 0.48])

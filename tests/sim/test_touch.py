@@ -33,25 +33,6 @@ def test_path_runs_through_the_wrap_of_a_closed_surface(ring_arm):
     assert plan.at(1.5).a[0] == pytest.approx(-0.45 * period), "after its last key a touch stays"
 
 
-@pytest.mark.parametrize(
-    "shape",
-    [
-        {"shape": Shape.POINT},
-        {"shape": Shape.DISC, "length": 0.012},
-        {"shape": Shape.EDGE, "length": 0.04, "yaw": 0.3},
-        {"shape": Shape.PALM, "length": 0.08, "width": 0.05, "yaw": 0.3},
-    ],
-)
-def test_loads_of_any_indenter_carry_its_force_about_its_centre(ring_arm, shape):
-    plan = TouchPlan(ring_arm, [touch([[0, 0.08, 0.02]], [[0, 6], [1, 6]], **shape)])
-    loads = plan.load(0.5)
-    used = slice(0, loads.n)
-    assert loads.force[used].sum() == pytest.approx(6.0)
-    assert (loads.force[used] * loads.s[used]).sum() / 6.0 == pytest.approx(0.08)
-    assert (loads.force[used] * loads.a[used]).sum() / 6.0 == pytest.approx(0.02)
-    assert (loads.force[used] > 0.0).all()
-
-
 def test_contact_of_a_sphere_grows_by_the_law_of_hertz_up_to_its_own_radius(pad_arm):
     sphere = {"shape": Shape.SPHERE, "length": 0.016, "modulus": 200e3}
     plan = TouchPlan(pad_arm, [touch([[0, 0.02, 0.0]], [[0, 0], [100, 100]], **sphere)])

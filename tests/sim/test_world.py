@@ -38,10 +38,10 @@ class Master(Core):
         return Step(out, (), self.next_ns)
 
 
-def run(scene, *, seconds, delay_ns=0, follows="sync"):
+def run(scene, *, seconds, delay_ns=0):
     """Return (world, master, wire, frames on the wire) after some seconds of scene time."""
     ods = ods_of(scene.arm)
-    world = World(scene, ods, follows=follows)
+    world = World(scene, ods)
     master = Master(round(1e9 / scene.arm.bus.rate_hz), delay_ns=delay_ns)
     wire = VirtualBus(scene.arm.bus.bitrate)
     frames = []
@@ -106,45 +106,6 @@ def test_same_seed_gives_the_same_bytes_and_scene_time_follows_the_sync(forearm)
     on_time = [f.data for f in frames if 0x180 < f.can_id < 0x500][: 24 * 4 * 50]
     delayed = [f.data for f in late if 0x180 < f.can_id < 0x500]
     assert on_time == delayed
-
-
-def test_scene_time_may_follow_the_clock():
-    """Then boards sample by themselves, and SYNC sends what was sampled last."""
-    scene = load_scene("pad")
-    world, _, _, frames = run(scene, seconds=1.0, delay_ns=505 * MS, follows="clock")
-    assert world.scene_time(900 * MS) == pytest.approx(0.9)
-    assert world.n_samples == 160, "at 100 Hz since power-on"
-    counts, complete = readings_of(scene, frames)
-    assert complete.all()
-    step = scene.arm.patches[0].patch.transducer.step
-    for k in (0, 7, 50):
-        np.testing.assert_allclose(counts[k] * step, scene.pressures(0.6 + k / 100.0), atol=0.51 * step)
-
-
-def test_quiet_patch_with_event_driven_tpdos_is_silent_until_it_is_touched():
-    """No SYNC at all: TPDOs of type 255 come when a reading moved by more than its delta."""
-    world = World(load_scene("pad"), follows="clock")
-    device = world.devices[0]
-    started = False
-    now_ns, times = 0, []
-    while now_ns < 900 * MS:
-        start = now_ns > 60 * MS and not started
-        if start:
-            for number in range(4):
-                device.set(0x1800 + number, 2, 255)
-                device.set(0x1800 + number, 5, 0)
-            for channel in range(1, 17):
-                device.set(0x6421, channel, 0x04)
-                device.set(0x6426, channel, 20)
-            device.set(0x6423, 0, True)
-            started = True
-        step = world.step(now_ns, [Frame(0x000, b"\x01\x00")] if start else [])
-        times += [now_ns for f in step.frames if 0x180 < f.can_id < 0x500]
-        now_ns = max(step.wake_ns, now_ns + 1)
-    touched = [t for t in times if t > 100 * MS]  # the first event of all tells where readings are
-    assert touched
-    assert min(touched) > 500 * MS, "the finger came at 0.5 s"
-    assert max(touched) < 650 * MS, "and then held still"
 
 
 def test_world_asks_to_be_woken_for_nothing_but_boot_and_heartbeat():

@@ -32,15 +32,6 @@ def test_sampling_instants_scatter_normally_about_the_right_ones(forearm):
     assert abs(errors.std() / 100e-6 - 1.0) < 0.05
 
 
-def test_all_patches_sample_at_the_same_wrong_instant(simulate):
-    """While the force rises, jitter changes every loaded tactel by the same share."""
-    right, wrong = simulate(n_syncs=4).counts, simulate([SyncJitter(sigma_us=3000.0)], n_syncs=4).counts
-    loaded = right[3] > 300
-    ratio = wrong[3][loaded] / right[3][loaded]
-    assert abs(ratio[0] - 1.0) > 1e-3
-    assert np.ptp(ratio) < 0.01
-
-
 # --- clock_drift: rates that scatter, and heartbeats that show them.
 
 
@@ -74,17 +65,6 @@ def test_named_board_boots_again_at_its_time(simulate, forearm):
     assert [f.can_id - 0x700 for f in boots[24:]] == [3, 5]
     assert len(run.tpdos(3)) == 4 * 29, "the SYNC at which it resets is not answered"
     assert len(run.tpdos(4)) == 4 * 30
-
-
-def test_random_resets_come_at_their_rate(forearm):
-    step = PatchReset(per_hour=60.0).bind(forearm, stream(7, "patch_reset"))
-    frames = []
-    for t_s in np.arange(0.0, 3600.0, 1.0):
-        step.receive(0, float(t_s), frames)
-    wanted = 60.0 * forearm.n_patches
-    assert abs(len(frames) - wanted) < 4 * np.sqrt(wanted)
-    nodes = np.array([f.data[1] for f in frames])
-    assert set(nodes.tolist()) == set(forearm.node_id.tolist())
 
 
 # --- patch_silent: boards go, and come back booting.

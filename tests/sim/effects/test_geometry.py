@@ -97,13 +97,6 @@ def test_width_and_ellipse_keep_the_force_that_a_tactel_sees():
         assert np.abs(other - plain).max() > 0.005 * plain.max()
 
 
-def test_ellipse_has_the_ratio_of_axes_asked_for():
-    geometry = Geometry.of(ARM, discs=False)
-    Response(**{**QUIET, "ellipse": 1.05}).bind(ARM, stream(1, "response"))(geometry)
-    axes = np.linalg.eigvalsh(geometry.response.shape)
-    np.testing.assert_allclose(axes[:, 1] / axes[:, 0], 1.05)
-
-
 def test_residual_has_its_profile_over_distance():
     rng = np.random.default_rng(3)
     print("seed 3")
