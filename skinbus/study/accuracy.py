@@ -1,7 +1,5 @@
 """Accuracy of a family of cases: random touches on a skin, and the answers of a level.
 
-``python -m skinbus.study.accuracy docs/estimator.md`` makes the table of that page.
-
 Errors are those of the cases with the right count, contacts assigned to touches by least distance in sum. A
 touch is reached by a tactel that it alone brings to the threshold; cases with a touch that reaches fewer than
 three are left out.
@@ -10,23 +8,19 @@ three are left out.
 from __future__ import annotations
 
 import math
-import sys
 import zlib
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import combinations
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
-from skinbus.estimate import LEVELS, Contacts, Estimator
+from skinbus.estimate import Contacts, Estimator
 from skinbus.model import Arm
-from skinbus.study.marked import Marks
 from skinbus.study.skin_models import SKINS, SkinModel
 
 Floats = npt.NDArray[np.float64]
@@ -167,53 +161,5 @@ def _compare(tally: Tally, skin: SkinModel, touches: Floats, contacts: Contacts)
             tally.nees.append(float(error @ np.linalg.solve(covariance, error)) / 3.0)
 
 
-FAMILIES: Final = (
-    ("cone truth, one of 2-20 N", "pad", "one 2-20 N"),
-    ("cone truth, one of 5 N on seams and corners", "forearm", "seam"),
-    ("cone truth, two of 5 N", "pad", "two"),
-    ("cone truth, two of 5 N across seams", "forearm", "two on seam"),
-    ("cone truth, three of 5 N", "pad", "three"),
-    ("calibrated, finger of 5-20 N", "finger", "one 5-20 N"),
-    ("calibrated, finger of 2 N", "finger", "one 2 N"),
-    ("calibrated, two fingers 15 mm apart", "finger", "two 15 mm"),
-    ("calibrated with a finger, pressed by a thumb", "finger, thumb", "one 2-20 N"),
-    ("calibrated with a finger, pressed by a tip", "finger, tip", "one 2-20 N"),
-    ("as it ships, finger of 2-20 N", "box", "one 2-20 N"),
-    ("as it ships, finger on seams and corners", "box forearm", "seam"),
-    ("as it ships, two fingers across seams", "box forearm", "two on seam"),
-    ("as it ships, thumb", "box thumb", "one 2-20 N"),
-)
-"""Title, skin and draw of each family in the table."""
-COLUMNS: Final = ("count right", "RMS position mm", "RMS force %", "covariance")
-CHUNK, CHUNKS = 250, 4
-"""Cases of one piece of work, and pieces; a skin with gains of its own is drawn and calibrated for each."""
-SEED: Final = 90_000
-"""Of the table; seeds below 100 are those of tests."""
-
-
-def write_accuracy(page: Path) -> None:
-    """Measure all families at levels fit and full, and write the table between the marks of a page."""
-    marks = Marks("<!-- table: made by python -m skinbus.study.accuracy -->", "<!-- end of table -->")
-    marks.read(page)  # refused now, not after minutes
-    lines = [f"| touches | level | {' | '.join(COLUMNS)} |", "|---|---|" + "---|" * len(COLUMNS)]
-    with ProcessPoolExecutor() as pool:
-        work = [
-            (title, level, [pool.submit(run_chunk, skin, draw, level, k, CHUNK, SEED) for k in range(CHUNKS)])
-            for title, skin, draw in FAMILIES
-            for level in LEVELS[1:]
-        ]
-        for title, level, pieces in work:
-            tally = Tally()
-            for piece in pieces:
-                tally += piece.result()
-            figures = tally.figures()
-            lines.append(f"| {title} | {level} | {' | '.join(f'{figures[name]:.3g}' for name in COLUMNS)} |")
-    marks.write(page, "\n".join(lines))
-
-
 def _rms(values: Any) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if values else math.nan
-
-
-if __name__ == "__main__":
-    write_accuracy(Path(sys.argv[1]))

@@ -113,7 +113,6 @@ def measure_arm(
     *,
     trials: int = 400,
     seed: int = 16,
-    budget_us: float | None = None,
     done: Callable[[int], None] = lambda n: None,
 ) -> list[Point]:
     """Return the points of an arm.
@@ -122,7 +121,6 @@ def measure_arm(
         arm: what is pressed; its law is that of the condition "as it ships".
         trials: cycles of each point; the 95th percentile of 400 rests on 20 of them.
         seed: of all draws.
-        budget_us: computing time that a cycle may take, us; as much as it needs if None.
         done: called with 1 after each point.
     """
     points = []
@@ -133,7 +131,7 @@ def measure_arm(
             for bits in BITS:
                 read = with_bits(own, bits)
                 for level in LEVELS:
-                    points.append(_measure(read, condition, fingers, level, bits, drawn, budget_us))
+                    points.append(_measure(read, condition, fingers, level, bits, drawn))
                     done(1)
     return points
 
@@ -198,17 +196,14 @@ def _touches(arm: Arm, fingers: int, pitch: float, rng: np.random.Generator) -> 
             return link, np.column_stack([places[:, 0], surface.wrap(places[:, 1]), force])
 
 
-def _measure(
-    arm: Arm, condition: str, fingers: int, level: str, bits: int, trials: list[_Trial],
-    budget_us: float | None,
-) -> Point:  # fmt: skip
+def _measure(arm: Arm, condition: str, fingers: int, level: str, bits: int, trials: list[_Trial]) -> Point:
     estimator, pitch = Estimator(arm, level), _pitch(arm)
     transducer = arm.patches[0].patch.transducer  # all boards of an arm have one
     errors, times_ns, wrong = [], [], 0
     for number, trial in enumerate([trials[0], *trials]):
         pressures = transducer.pressure(transducer.counts(trial.pressures))
         begin = time.process_time_ns()
-        contacts = estimator.update(pressures, number * 1_000_000_000, budget_us=budget_us)
+        contacts = estimator.update(pressures, number * 1_000_000_000)
         times_ns.append(time.process_time_ns() - begin)
         if number:  # the first call loads what it needs
             wrong += len(contacts) != fingers

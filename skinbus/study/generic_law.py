@@ -7,18 +7,13 @@ gains of 1, and what fingertips differ by as its misfit. A calibration of the bo
 
 from __future__ import annotations
 
-import struct
 from dataclasses import replace
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from skinbus.errors import ConfigError, Fault
 from skinbus.estimate import learn_radial_law
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Radial, Surface
-from skinbus.objects.board import calibration_values, describe_patch
-from skinbus.objects.eds import load_eds
 from skinbus.sim.indenter import Indenter, Shape
 from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry, Loads
@@ -50,39 +45,3 @@ def generic_law(patch: Patch) -> Radial:
     learned = learn_radial_law(arm, places[:, 0], places[:, 1], np.full(n, FORCE), pressures).law
     # what fingertips differ by scales with the pressure; presses here are all of one force
     return replace(learned, misfit_profile=None, typical_force=0.0)
-
-
-def write_generic_law(eds: Path) -> Radial:
-    """Write the law of an EDS's own board to its defaults; return the law.
-
-    Raises:
-        ConfigError: the file has no default to write at one of the objects.
-    """
-    od = load_eds(eds, 1)
-    patch = describe_patch(od, str(eds))
-    law = generic_law(patch)
-    values = {
-        key: value
-        for key, value in calibration_values(od, law=law, gain=[], noise=[]).items()
-        if isinstance(value, int | float)
-    }
-    wanted = {f"[{index:04X}sub{sub:X}]".lower(): (index, sub) for index, sub in values}
-    lines, section = eds.read_text().splitlines(keepends=True), ""
-    for k, line in enumerate(lines):
-        if line.startswith("["):
-            section = line.strip().lower()
-        elif line.startswith("DefaultValue=") and section in wanted:
-            key = wanted.pop(section)
-            end = line[len(line.rstrip("\r\n")) :]
-            lines[k] = f"DefaultValue={_text(values[key])}{end}"
-    if wanted:
-        raise ConfigError(str(eds), [Fault(name, None, "a section with a DefaultValue") for name in wanted])
-    eds.write_text("".join(lines))
-    return law
-
-
-def _text(value: float) -> str:
-    """Return a default as our files write it: whole numbers as they are, real ones as their 32 bits."""
-    if isinstance(value, int):
-        return str(value)
-    return f"0x{struct.unpack('<I', struct.pack('<f', value))[0]:08X}"

@@ -5,7 +5,6 @@ import pytest
 from click.testing import CliRunner
 
 from skinbus.cli.commands.study import command
-from skinbus.errors import ConfigError
 from skinbus.estimate import LEVELS
 from skinbus.model import Arm
 from skinbus.model.patch import grid
@@ -99,29 +98,13 @@ def test_points_of_an_arm_become_a_report_a_figure_and_a_table(tmp_path, monkeyp
         for level in LEVELS
     ]
     monkeypatch.setattr(arm_study, "measure_arm", lambda arm, **settings: points)
-    page = tmp_path / "page.md"
-    page.write_text(
-        "before\n<!-- decisions: made by skinbus study arm -->\nold\n<!-- end of decisions -->\nafter"
-    )
     out, figures = tmp_path / "accuracy.html", tmp_path / "figures"
-    result = CliRunner().invoke(
-        command, ["arm", "pad", "--out", str(out), "--figures", str(figures), "--page", str(page)]
-    )
+    result = CliRunner().invoke(command, ["arm", "pad", "--out", str(out), "--figures", str(figures)])
     assert result.exit_code == 0, result.output
     assert "<svg" in out.read_text()
-    assert page.read_text().count("\n| pad, ") == 4
-    assert "old" not in page.read_text()
+    assert out.read_text().count("pad, 8 bit, ") == 2
     assert {file.name for file in figures.iterdir()} == {"accuracy.csv", "accuracy-pad.svg"}
     assert len((figures / "accuracy.csv").read_text().splitlines()) == 1 + N_POINTS
-
-
-def test_page_without_marks_is_refused_before_anything_is_measured(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("no marks")
-    with pytest.raises(ConfigError, match="marks"):
-        CliRunner().invoke(
-            command, ["arm", "--out", str(tmp_path / "a.html"), "--page", str(page)], catch_exceptions=False
-        )
 
 
 @pytest.fixture(scope="module")

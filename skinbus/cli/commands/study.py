@@ -77,7 +77,7 @@ def arm(
     shown: list[tuple[str, Any]] = [("", about)]
     with progress(Console(), "points", len(loaded) * arm_study.N_POINTS) as done:
         for one in loaded:
-            own = arm_study.measure_arm(one, trials=trials, seed=0, budget_us=None, done=done)
+            own = arm_study.measure_arm(one, trials=trials, done=done)
             figure = arm_study.draw_arm(own)
             shown.append((one.name, figure))
             if folder:
