@@ -115,9 +115,7 @@ class PythonCanBus(Bus):
         for message in messages:
             if self._tag is not None and message.channel == self._tag:
                 continue
-            frame = _to_frame(message, self._stamp(message.timestamp, now_ns, unix_ns))
-            if frame is not None:
-                frames.append(frame)
+            frames.append(_to_frame(message, self._stamp(message.timestamp, now_ns, unix_ns)))
         if self._data_ids:
             self.batch.extend([frame for frame in frames if receives(self._data_ids, frame)])
             frames = [frame for frame in frames if not receives(self._data_ids, frame)]
@@ -232,24 +230,16 @@ def _raise_receive_buffer(bus: can.BusABC) -> None:
         raise_receive_buffer(sock, RECEIVE_BUFFER)
 
 
-def _to_frame(message: can.Message, t_ns: int) -> Frame | None:
-    """The frame in a message; None if what came from outside only looks like one."""
-    can_id, dlc = message.arbitration_id, message.dlc
-    if not (type(can_id) is type(dlc) is int and 0 <= can_id <= 0x1FFF_FFFF and 0 <= dlc <= 64):
-        return None
-    flags = 0
-    if message.is_extended_id:
-        flags |= EXTENDED
-    elif can_id > 0x7FF and not message.is_error_frame:
-        return None
+def _to_frame(message: can.Message, t_ns: int) -> Frame:
+    """The frame in a message."""
+    flags, data = EXTENDED if message.is_extended_id else 0, bytes(message.data or b"")
     if message.is_remote_frame:
-        return Frame(can_id, bytes(dlc), t_ns, flags | RTR) if dlc <= 8 else None
-    if message.is_error_frame:
+        flags, data = flags | RTR, bytes(message.dlc)
+    elif message.is_error_frame:
         flags = ERROR
     elif message.is_fd:
         flags |= FD | (BRS if message.bitrate_switch else 0) | (ESI if message.error_state_indicator else 0)
-    data = bytes(message.data or b"")
-    return Frame(can_id, data, t_ns, flags) if len(data) <= (64 if flags & FD else 8) else None
+    return Frame(message.arbitration_id, data, t_ns, flags)
 
 
 def _to_message(frame: Frame, tag: str | None) -> can.Message:

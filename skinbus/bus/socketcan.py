@@ -18,7 +18,7 @@ from typing import Final
 
 from skinbus.bus.interface import BAD_FRAME, RETRY_S, SEND_PATIENCE_S, Bus, advice
 from skinbus.bus.monotonic_clock import MonotonicClock
-from skinbus.bus.socketcan_babble import BabbleWatch, BacklogDrops, Statistic
+from skinbus.bus.socketcan_babble import BabbleWatch, BacklogDrops
 from skinbus.bus.socketcan_batch import (
     CAN_RAW_ERR_FILTER,
     CANFD_MTU,
@@ -79,8 +79,8 @@ class SocketCanBus(Bus):
         self._sockets = [self._control]
         self._faults = FaultWatch()
         statistics = Path(f"/sys/class/net/{channel}/statistics")
-        self._backlog = BacklogDrops(Statistic(statistics / "rx_dropped"))
-        self._packets = Statistic(statistics / "rx_packets")
+        self._backlog = BacklogDrops(statistics / "rx_dropped")
+        self._packets = statistics / "rx_packets"
         self._babble: BabbleWatch | None = None
 
     @property
@@ -184,7 +184,7 @@ class SocketCanBus(Bus):
 
     def close(self) -> None:
         """Let go of the interface; a second call does nothing."""
-        parts = [*self._sockets, self._backlog, self._packets, *([self._babble] if self._babble else ())]
+        parts = [*self._sockets, *([self._babble] if self._babble else ())]
         try:
             with contextlib.ExitStack() as stack:  # all of them, also when one fails at it
                 for part in parts:

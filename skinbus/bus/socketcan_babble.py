@@ -6,7 +6,6 @@ and what comes first is looked at. That costs 0.1 ms four times a second on a bu
 
 from __future__ import annotations
 
-import os
 import socket
 from pathlib import Path
 from typing import Final
@@ -19,30 +18,15 @@ from skinbus.can.clock import Clock
 from skinbus.can.event import Event, EventKind
 
 COUNT_EVERY_NS: Final = 5_000_000
-"""Time between looks at the interface's counter, 5 us each: a loss is reported in its own cycle."""
+"""Time between looks at the interface's counter, 20 us each: a loss is reported in its own cycle."""
 
 
-class Statistic:
-    """A counter of an interface (/sys/class/net/NAME/statistics/...), read as often as is asked for."""
-
-    def __init__(self, file: Path) -> None:
-        try:
-            self._fd = os.open(file, os.O_RDONLY | os.O_CLOEXEC)
-        except OSError:
-            self._fd = -1
-
-    def read(self) -> int | None:
-        """The counter; None if it cannot be read or the interface is gone."""
-        try:
-            return int(os.pread(self._fd, 32, 0)) if self._fd >= 0 else None
-        except (OSError, ValueError):
-            return None
-
-    def close(self) -> None:
-        """Let go of the file; a second call does nothing."""
-        if self._fd >= 0:
-            os.close(self._fd)
-            self._fd = -1
+def statistic(file: Path) -> int | None:
+    """Return a counter of an interface (/sys/class/net/NAME/statistics/...); None if it cannot be read."""
+    try:
+        return int(file.read_bytes())
+    except (OSError, ValueError):
+        return None
 
 
 class BacklogDrops:
@@ -53,11 +37,11 @@ class BacklogDrops:
     ``rx_dropped``. Where that cannot be read, nothing is counted.
     """
 
-    def __init__(self, statistic: Statistic) -> None:
+    def __init__(self, file: Path) -> None:
         self.n = 0
         self._next_ns = 0
-        self._statistic = statistic
-        self._before = statistic.read() or 0
+        self._file = file
+        self._before = statistic(file) or 0
 
     def look(self, now_ns: int | None = None) -> None:
         """Bring ``n`` up to date; with a time only if the last look was some time before it."""
@@ -65,13 +49,9 @@ class BacklogDrops:
             if now_ns < self._next_ns:
                 return
             self._next_ns = now_ns + COUNT_EVERY_NS
-        value = self._statistic.read()
+        value = statistic(self._file)
         if value is not None:
             self.n = max(value - self._before, self.n)
-
-    def close(self) -> None:
-        """Let go of the counter; ``n`` stays."""
-        self._statistic.close()
 
 
 BUSY_HZ: Final = 500
@@ -102,8 +82,8 @@ SAMPLE_FRAMES: Final = 128
 class BabbleWatch:
     """Checks at intervals whether a node babbles, and reports when that begins and ends."""
 
-    def __init__(self, sock: socket.socket, packets: Statistic, clock: Clock) -> None:
-        """``sock`` receives nothing yet and is taken over; ``packets`` counts the interface's frames."""
+    def __init__(self, sock: socket.socket, packets: Path, clock: Clock) -> None:
+        """``sock`` receives nothing yet and is taken over; ``packets`` counts the frames of the interface."""
         self.babbler: int | None = None
         """Identifier under which somebody babbles."""
         self._sock = sock
@@ -112,7 +92,7 @@ class BabbleWatch:
         self._reader = BatchReader(sock, clock, SAMPLE_FRAMES)
         self._listening = False
         self._rate_hz = 0.0
-        self._before = packets.read() or 0
+        self._before = statistic(packets) or 0
         self._before_ns = clock.now_ns()
         self._next_ns = self._before_ns + LOOK_EVERY_NS
         self._suspect: int | None = None
@@ -131,7 +111,7 @@ class BabbleWatch:
             self._reader.read()
             ids = self._reader.batch.frames["can_id"][: self._reader.batch.n]
             return self._judge(now_ns, *loudest(ids))
-        n = self._packets.read()
+        n = statistic(self._packets)
         if n is None:
             self._next_ns = now_ns + LOOK_EVERY_NS
             return []
@@ -144,9 +124,8 @@ class BabbleWatch:
         return []
 
     def close(self) -> None:
-        """Let go of socket and counter."""
+        """Let go of the socket."""
         self._sock.close()
-        self._packets.close()
 
     def _listen(self, on: bool) -> None:
         self._listening = on

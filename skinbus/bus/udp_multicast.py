@@ -63,14 +63,13 @@ def unpack_datagram(datagram: bytes) -> dict[str, Any] | None:
     flags = {key: fields.get(key, False) for key in _FLAGS}
     channel = fields.get("channel")
     data = b"" if data is None else data
-    if not isinstance(can_id, int) or not isinstance(dlc, int) or not isinstance(data, bytes):
+    if not type(can_id) is type(dlc) is int or not isinstance(data, bytes):
         return None
+    is_long = flags["is_extended_id"] or flags["is_error_frame"]
     fits = (
-        0 <= can_id < 1 << 29
+        0 <= can_id < 1 << (29 if is_long else 11)
         and dlc >= 0
-        and not isinstance(can_id, bool)
-        and not isinstance(dlc, bool)
-        and len(data) <= MAX_DATA
+        and len(data) <= (MAX_DATA if flags["is_fd"] else 8)
         and all(type(flag) is bool for flag in flags.values())
         and (channel is None or (isinstance(channel, str) and len(channel) <= MAX_TEXT))
     )

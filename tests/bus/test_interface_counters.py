@@ -2,7 +2,7 @@
 
 import pytest
 
-from skinbus.bus.socketcan_babble import BacklogDrops, Statistic
+from skinbus.bus.socketcan_babble import BacklogDrops
 from skinbus.can.error_frames import FaultWatch
 from skinbus.can.event import EventKind
 
@@ -15,20 +15,16 @@ def statistic(tmp_path):
 
 
 def test_a_counter_that_begins_anew_or_cannot_be_read_takes_nothing_back(statistic, tmp_path):
-    drops = BacklogDrops(Statistic(statistic))
+    drops = BacklogDrops(statistic)
     statistic.write_text("4800\n")
     drops.look()
     for broken in ("0\n", ""):
         statistic.write_text(broken)
         drops.look()
         assert drops.n == 4800 - 4711
-    drops.close()
-    drops.look()
-    assert drops.n == 4800 - 4711
-    nowhere = BacklogDrops(Statistic(tmp_path / "nowhere"))
+    nowhere = BacklogDrops(tmp_path / "nowhere")
     nowhere.look()
     assert nowhere.n == 0
-    nowhere.close()
 
 
 def test_each_loss_is_reported_once_with_its_count():
