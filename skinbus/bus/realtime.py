@@ -42,7 +42,6 @@ class GcScheduler:
     """No garbage collection while it is open, except by ``pause``, and of nothing that existed before."""
 
     def __init__(self) -> None:
-        self.n_collections = [0, 0, 0]
         self._longest_ns = [0, 0, 0]
 
     def __enter__(self) -> Self:
@@ -59,13 +58,14 @@ class GcScheduler:
 
     def pause(self, left_ns: int) -> None:
         """Use a pause of so many nanoseconds: collect what fits into it, by the times that it took so far."""
-        n = gc.get_count()[0]
+        n, *younger = gc.get_count()
         if n < N_WORTH_IT:
             return
         generation = 0
-        for older in (1, 2):  # a tenth of the collections looks one generation further
-            due = self.n_collections[older - 1] >= 10 * (self.n_collections[older] + 1)
-            if due and left_ns > 2 * self._longest_ns[older] + MARGIN_NS:
+        for older, n_since in enumerate(
+            younger, 1
+        ):  # a tenth of the collections looks one generation further
+            if n_since >= 10 and left_ns > 2 * self._longest_ns[older] + MARGIN_NS:
                 generation = older
         if left_ns < 2 * self._longest_ns[generation] + MARGIN_NS and n < N_TOO_MANY:
             # One that was held up by a busy machine no longer counts after a while.
@@ -75,4 +75,3 @@ class GcScheduler:
         gc.collect(generation)
         took_ns = time.perf_counter_ns() - begin_ns
         self._longest_ns[generation] = max(self._longest_ns[generation], took_ns)
-        self.n_collections[generation] += 1

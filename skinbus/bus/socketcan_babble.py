@@ -7,13 +7,13 @@ and what comes first is looked at. That costs 0.1 ms four times a second on a bu
 from __future__ import annotations
 
 import socket
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
-from skinbus.bus.socketcan_batch import BatchReader, filters
+from skinbus.bus.socketcan_batch import CANFD_MTU, EFF_FLAG, EFF_MASK, ERR_FLAG, SFF_MASK, filters
 from skinbus.can.clock import Clock
 from skinbus.can.event import Event, EventKind
 
@@ -76,8 +76,6 @@ N_LOOKS: Final = 2
 SAMPLE_BUFFER: Final = 16_384
 """Bytes of socket buffer: some 40 frames, the kernel's book-keeping included."""
 
-SAMPLE_FRAMES: Final = 128
-
 
 class BabbleWatch:
     """Checks at intervals whether a node babbles, and reports when that begins and ends."""
@@ -89,7 +87,6 @@ class BabbleWatch:
         self._sock = sock
         self._packets = packets
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SAMPLE_BUFFER)
-        self._reader = BatchReader(sock, clock, SAMPLE_FRAMES)
         self._listening = False
         self._rate_hz = 0.0
         self._before = statistic(packets) or 0
@@ -108,9 +105,7 @@ class BabbleWatch:
             return []
         if self._listening:
             self._listen(False)
-            self._reader.read()
-            ids = self._reader.batch.frames["can_id"][: self._reader.batch.n]
-            return self._judge(now_ns, *loudest(ids))
+            return self._judge(now_ns, *loudest(list(self._heard())))
         n = statistic(self._packets)
         if n is None:
             self._next_ns = now_ns + LOOK_EVERY_NS
@@ -132,6 +127,13 @@ class BabbleWatch:
         wanted = filters(None if on else ())
         self._sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, wanted)
 
+    def _heard(self) -> Iterator[int]:
+        """Yield the identifiers of frames that came while it listened."""
+        with suppress(BlockingIOError):
+            while frame := self._sock.recv(CANFD_MTU):
+                can_id = int.from_bytes(frame[:4], "little")
+                yield can_id & (EFF_MASK if can_id & (EFF_FLAG | ERR_FLAG) else SFF_MASK)
+
     def _judge(self, now_ns: int, can_id: int | None, share: float) -> list[Event]:
         self._next_ns = now_ns + LOOK_EVERY_NS
         self._n_agreed = self._n_agreed + 1 if can_id == self._suspect else 1
@@ -147,14 +149,12 @@ class BabbleWatch:
         return events
 
 
-def loudest(ids: npt.NDArray[np.uint32]) -> tuple[int | None, float]:
+def loudest(ids: Sequence[int]) -> tuple[int | None, float]:
     """The identifier of more than ``SHARE`` of these frames and its share; None if there is none."""
-    if len(ids) < N_LEAST:
-        return None, 0.0
-    values, counts = np.unique(ids, return_counts=True)
-    most = int(np.argmax(counts))
-    share = float(counts[most]) / len(ids)
-    return (int(values[most]), share) if share > SHARE else (None, 0.0)
+    for can_id, n in Counter(ids).most_common(1) if len(ids) >= N_LEAST else ():
+        if n > SHARE * len(ids):
+            return can_id, n / len(ids)
+    return None, 0.0
 
 
 def _event(now_ns: int, kind: EventKind, can_id: int, rate_hz: int) -> Event:

@@ -28,24 +28,6 @@ def read(cls: type[T], table: Any, key: str, faults: list[Fault]) -> T | None:
         return None
 
 
-def read_rest(
-    cls: type[T], table: Any, key: str, faults: list[Fault], stand_ins: dict[str, Any]
-) -> tuple[T | None, frozenset[str]]:
-    """As :func:`read`; of a table with faults return what is left of it, to be looked at further.
-
-    stand_ins: values in place of faulty or missing ones that have no default
-    Return the instance, None where nothing is left, and the names that are faulty.
-    """
-    own: list[Fault] = []
-    value = read(cls, table, key, own)
-    faults.extend(own)
-    if value is not None or not isinstance(table, dict):
-        return value, frozenset()
-    faulty = frozenset(fault.key.removeprefix(f"{key}.").partition("[")[0].partition(".")[0] for fault in own)
-    rest = {name: value for name, value in table.items() if name not in faulty}
-    return read(cls, rest | {name: stand_ins[name] for name in faulty & {*stand_ins}}, key, []), faulty
-
-
 @cache
 def _adapter(cls: Any) -> TypeAdapter[Any]:
     return TypeAdapter(cls)

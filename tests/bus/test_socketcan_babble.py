@@ -1,6 +1,5 @@
 """Who babbles: one identifier with more than half of the frames, and only that."""
 
-import numpy as np
 import pytest
 
 from skinbus.bus.socketcan_babble import N_LEAST, loudest
@@ -18,4 +17,4 @@ from skinbus.bus.socketcan_babble import N_LEAST, loudest
     ],
 )
 def test_one_identifier_with_more_than_half_of_the_frames_babbles(ids, found):
-    assert loudest(np.array(ids, np.uint32))[0] == found
+    assert loudest(ids)[0] == found
