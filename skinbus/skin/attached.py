@@ -11,7 +11,6 @@ from typing import Final
 
 import numpy as np
 
-from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.config.system import load_arm
 from skinbus.errors import ShareError
 from skinbus.estimate import LEVELS
@@ -77,7 +76,6 @@ class _SharedFeed(Feed):
         layout = self._reader.layout
         super().__init__(layout if arm is None else _on_arm(layout, arm), f"shared memory {name}")
         self._robot = RobotHere(arm)
-        self._clock = MonotonicClock()
         self._is_closed = False
         self.first = max(self._reader.newest, 1)
         self._pause_s = 1e-9 * self.layout.period_ns / LOOKS
@@ -117,9 +115,9 @@ class _SharedFeed(Feed):
             time.sleep(self._pause_s)
         return None
 
-    def set_joints(self, positions: Positions, t_ns: int | None) -> None:
+    def set_joints(self, t_ns: int, positions: Positions) -> None:
         """Take joint positions of the program."""
-        self._robot.offer(self._clock.now_ns() if t_ns is None else t_ns, positions)
+        self._robot.offer(t_ns, positions)
 
     def close(self) -> None:
         """Let go of the memory."""
@@ -141,7 +139,7 @@ class _SharedFeed(Feed):
             LEVELS[level] if level < len(LEVELS) else None,
             CycleFlags(int(slot["flags"])),
             1e-9 * int(slot["latency_ns"]),
-            Context(self.layout, self._clock.now_ns, place),
+            Context(self.layout, self.now_ns, place),
             records,
             slot["patches"],
             readings,

@@ -49,6 +49,10 @@ class Feed:
         self._is_over = False
         self._error: BaseException | None = None
 
+    def now_ns(self) -> int:
+        """Time on the clock of the source (ns): the machine's monotonic clock."""
+        return time.monotonic_ns()
+
     @property
     def is_over(self) -> bool:
         """Whether no more cycles will come."""
@@ -99,8 +103,8 @@ class Feed:
         """Make what a patch reads now its zero; all patches when None."""
         raise LocalProtocolError("only the process of the master, or a client on its bus, can set zeros")
 
-    def set_joints(self, positions: Positions, t_ns: int | None) -> None:
-        """Take joint positions of a time on the clock of the source; now when None."""
+    def set_joints(self, t_ns: int, positions: Positions) -> None:
+        """Take joint positions of a time on the clock of the source."""
         raise LocalProtocolError("only the process of the master takes joint positions")
 
     def close(self) -> None:
@@ -142,9 +146,9 @@ class MadeFeed(Feed):
         with self._lock:
             set_zero(self._master, patch)
 
-    def set_joints(self, positions: Positions, t_ns: int | None) -> None:
+    def set_joints(self, t_ns: int, positions: Positions) -> None:
         """Take joint positions."""
-        offer(self._master, self.now_ns() if t_ns is None else t_ns, positions)
+        offer(self._master, t_ns, positions)
 
     def close(self) -> None:
         """Make no more cycles."""

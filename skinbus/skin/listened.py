@@ -16,8 +16,6 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from skinbus.bus.core_thread import CoreThread
-from skinbus.bus.monotonic_clock import MonotonicClock
-from skinbus.can.clock import Clock
 from skinbus.can.core import Core, Step
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import load_arm, ods_of
@@ -88,9 +86,8 @@ class Request(NamedTuple):
 class ListenCore(Core):
     """Receives a master and its patches; sends nothing but the zeros that a program asks for."""
 
-    def __init__(self, arm: Arm, node_id: int, clock: Clock, feed: Feed, *, readings: bool = False) -> None:
+    def __init__(self, arm: Arm, node_id: int, feed: Feed, *, readings: bool = False) -> None:
         self._arm, self._node_id = arm, node_id
-        self._clock = clock
         self._feed = feed
         self._listener = listener = Listener(node_id)
         self._seen_ns: dict[int, int] = {}
@@ -178,7 +175,7 @@ class ListenCore(Core):
             summary.level,
             summary.flags,
             1e-6 * summary.latency_us,
-            Context(self._feed.layout, self._clock.now_ns, lambda: placed),
+            Context(self._feed.layout, self._feed.now_ns, lambda: placed),
             contacts,
             self._patches(summary.t_ns),
             self._heard,
@@ -277,8 +274,7 @@ class _ListeningFeed(Feed):
 
     def __init__(self, arm: Arm, places: Sequence[BusAddress], node_id: int, readings: bool) -> None:
         super().__init__(SkinLayout.of(arm), f"listening on {shown(places)}")
-        self._clock = MonotonicClock()
-        self._core = ListenCore(arm, node_id, self._clock, self, readings=readings)
+        self._core = ListenCore(arm, node_id, self, readings=readings)
         self._thread = CoreThread(self._core, *(place.open for place in places), on_end=self.end)
         self._thread.start()
 
@@ -289,9 +285,9 @@ class _ListeningFeed(Feed):
             raise BusError("the master has not answered")
         request.client.result.unwrap()
 
-    def set_joints(self, positions: Positions, t_ns: int | None) -> None:
+    def set_joints(self, t_ns: int, positions: Positions) -> None:
         """Take joint positions of the program."""
-        self._core.robot.offer(self._clock.now_ns() if t_ns is None else t_ns, positions)
+        self._core.robot.offer(t_ns, positions)
 
     def close(self) -> None:
         """End the thread."""

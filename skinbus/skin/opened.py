@@ -15,7 +15,6 @@ from typing import Any, Final
 
 from skinbus.bus.core_thread import CoreThread
 from skinbus.bus.interface import Bus
-from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.can.core import Step
 from skinbus.config.system import load_arm
 from skinbus.errors import ArgumentError, BusError
@@ -113,9 +112,8 @@ class _MasterFeed(Feed):
     def __init__(
         self, arm: Arm, places: Sequence[BusAddress], level: str, share: str | None, **settings: Any
     ) -> None:
-        self._clock = MonotonicClock()
         self._maker = CycleMaker(arm)
-        self._maker.now_ns = self._clock.now_ns
+        self._maker.now_ns = self.now_ns
         super().__init__(self._maker.layout, f"master on {shown(places)}")
         self._wanted: deque[tuple[int | None, threading.Event]] = deque()
         self._report: CycleReport | None = None
@@ -159,9 +157,9 @@ class _MasterFeed(Feed):
         if not taken.wait(ZERO_S):
             raise BusError(f"no cycle within {ZERO_S:g} s: zeros were not taken")
 
-    def set_joints(self, positions: Positions, t_ns: int | None) -> None:
+    def set_joints(self, t_ns: int, positions: Positions) -> None:
         """Take joint positions, at once."""
-        offer(self._master, self._clock.now_ns() if t_ns is None else t_ns, positions)
+        offer(self._master, t_ns, positions)
 
     def close(self) -> None:
         """Take contacts back, stop the patches, and end the thread."""

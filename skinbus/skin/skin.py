@@ -155,7 +155,7 @@ class Skin:
             ArgumentError: a number of them, a name or a value that cannot be; nothing is taken then.
             LocalProtocolError: this source takes none.
         """
-        self._feed.set_joints(positions, t_ns)
+        self._feed.set_joints(self._feed.now_ns() if t_ns is None else t_ns, positions)
 
     def zero(self, patch: int | None = None) -> None:
         """Make what the tactels read now their zero: nothing may touch them.

@@ -1,5 +1,7 @@
 """The SDO client, from bytes to bytes: each row is a whole transfer."""
 
+from pathlib import Path
+
 import pytest
 
 from skinbus.can.core import NEVER
@@ -8,177 +10,35 @@ from skinbus.errors import LocalProtocolError, SdoAborted
 from skinbus.node import SdoClient
 from tests.node.node_table import Bench
 
-READ, WRITE = "read", "write"
-
-# name, what is started, frames sent (">") and received ("<") in order, data or abort code at the end
-TRANSFERS = [
-    (
-        "expedited read",
-        (READ, 0x1000, 0),
-        ["> 40 00 10 00 00 00 00 00", "< 43 00 10 00 91 01 04 00"],
-        b"\x91\x01\x04\x00",
-    ),
-    ("one byte", (READ, 0x1001, 0), ["> 40 01 10 00 00 00 00 00", "< 4F 01 10 00 05 00 00 00"], b"\x05"),
-    (
-        "size not given",
-        (READ, 0x1001, 0),
-        ["> 40 01 10 00 00 00 00 00", "< 42 01 10 00 05 06 07 08"],
-        b"\x05\x06\x07\x08",
-    ),
-    (
-        "segmented read",
-        (READ, 0x1008, 0),
-        [
-            "> 40 08 10 00 00 00 00 00",
-            "< 41 08 10 00 09 00 00 00",
-            "> 60 00 00 00 00 00 00 00",
-            "< 00 61 62 63 64 65 66 67",
-            "> 70 00 00 00 00 00 00 00",
-            "< 1B 68 69 00 00 00 00 00",
-        ],
-        b"abcdefghi",
-    ),
-    (
-        "segmented read without size",
-        (READ, 0x1008, 0),
-        [
-            "> 40 08 10 00 00 00 00 00",
-            "< 40 08 10 00 00 00 00 00",
-            "> 60 00 00 00 00 00 00 00",
-            "< 0D 61 00 00 00 00 00 00",
-        ],
-        b"a",
-    ),
-    (
-        "an empty read",
-        (READ, 0x1008, 0),
-        [
-            "> 40 08 10 00 00 00 00 00",
-            "< 41 08 10 00 00 00 00 00",
-            "> 60 00 00 00 00 00 00 00",
-            "< 0F 00 00 00 00 00 00 00",
-        ],
-        b"",
-    ),
-    (
-        "expedited write",
-        (WRITE, 0x1017, 0, b"\xf4\x01"),
-        ["> 2B 17 10 00 F4 01 00 00", "< 60 17 10 00 00 00 00 00"],
-        b"",
-    ),
-    (
-        "segmented write",
-        (WRITE, 0x1F22, 1, b"abcdefgh"),
-        [
-            "> 21 22 1F 01 08 00 00 00",
-            "< 60 22 1F 01 00 00 00 00",
-            "> 00 61 62 63 64 65 66 67",
-            "< 20 00 00 00 00 00 00 00",
-            "> 1D 68 00 00 00 00 00 00",
-            "< 30 00 00 00 00 00 00 00",
-        ],
-        b"",
-    ),
-    (
-        "an empty write",
-        (WRITE, 0x1F22, 1, b""),
-        [
-            "> 21 22 1F 01 00 00 00 00",
-            "< 60 22 1F 01 00 00 00 00",
-            "> 0F 00 00 00 00 00 00 00",
-            "< 20 00 00 00 00 00 00 00",
-        ],
-        b"",
-    ),
-    ("an abort", (READ, 0x5FFF, 0), ["> 40 FF 5F 00 00 00 00 00", "< 80 FF 5F 00 00 00 02 06"], 0x06020000),
-    (
-        "an abort in the middle",
-        (READ, 0x1008, 0),
-        [
-            "> 40 08 10 00 00 00 00 00",
-            "< 41 08 10 00 09 00 00 00",
-            "> 60 00 00 00 00 00 00 00",
-            "< 80 08 10 00 00 00 04 05",
-        ],
-        0x05040000,
-    ),
-    (
-        "a toggle bit that does not alternate",
-        (READ, 0x1008, 0),
-        [
-            "> 40 08 10 00 00 00 00 00",
-            "< 41 08 10 00 09 00 00 00",
-            "> 60 00 00 00 00 00 00 00",
-            "< 10 61 62 63 64 65 66 67",
-            "> 80 08 10 00 00 00 03 05",
-        ],
-        0x05030000,
-    ),
-    (
-        "an answer to something else",
-        (READ, 0x1000, 0),
-        ["> 40 00 10 00 00 00 00 00", "< 60 00 10 00 00 00 00 00", "> 80 00 10 00 01 00 04 05"],
-        0x05040001,
-    ),
-    (
-        "more than announced",
-        (READ, 0x1008, 0),
-        [
-            "> 40 08 10 00 00 00 00 00",
-            "< 41 08 10 00 03 00 00 00",
-            "> 60 00 00 00 00 00 00 00",
-            "< 00 61 62 63 64 65 66 67",
-            "> 80 08 10 00 10 00 07 06",
-        ],
-        0x06070010,
-    ),
-    (
-        "less than announced",
-        (READ, 0x1008, 0),
-        [
-            "> 40 08 10 00 00 00 00 00",
-            "< 41 08 10 00 09 00 00 00",
-            "> 60 00 00 00 00 00 00 00",
-            "< 01 61 62 63 64 65 66 67",
-            "> 80 08 10 00 10 00 07 06",
-        ],
-        0x06070010,
-    ),
-    (
-        "the late answer of another object is let pass",
-        (READ, 0x1000, 0),
-        ["> 40 00 10 00 00 00 00 00", "< 4F 01 10 00 05 00 00 00", "< 43 00 10 00 01 02 03 04"],
-        b"\x01\x02\x03\x04",
-    ),
-    (
-        "a short answer is let pass",
-        (READ, 0x1001, 0),
-        ["> 40 01 10 00 00 00 00 00", "< 4F 01 10 00 05", "< 4F 01 10 00 06 00 00 00"],
-        b"\x06",
-    ),
-]
+TRANSFERS = (Path(__file__).parent / "sdo_transfers.txt").read_text().split("\n# ")[1:]
 
 
-@pytest.mark.parametrize(
-    ("started", "frames", "end"), [t[1:] for t in TRANSFERS], ids=[t[0] for t in TRANSFERS]
-)
-def test_transfer_is_this_table(started, frames, end):
+@pytest.mark.parametrize("text", TRANSFERS, ids=lambda text: text.partition(" |")[0])
+def test_transfer_is_this_table(text):
     client = SdoClient(5)
-    kind, *arguments = started
-    (client.start_read if kind == READ else client.start_write)(*arguments)
+    head, *frames = text.strip().split("\n")
+    _, started, end = (part.strip() for part in head.split("|"))
+    kind, place, *data = started.split(maxsplit=2)
+    index, sub = (int(number, 16) for number in place.split(":"))
+    if kind == "read":
+        client.start_read(index, sub)
+    else:
+        client.start_write(index, sub, bytes.fromhex("".join(data).removeprefix("=")))
     sent = client.step(0)
-    for text in frames:
-        direction, _, data = text.partition(" ")
-        if direction == ">":
-            assert sent.pop(0) == Frame(0x605, bytes.fromhex(data), 0)
+    for frame in frames:
+        data = bytes.fromhex(frame[2:])
+        if frame[0] == ">":
+            assert sent.pop(0) == Frame(0x605, data, 0)
         else:
             assert not sent
-            sent = client.step(0, [Frame(0x585, bytes.fromhex(data))])
+            sent = client.step(0, [Frame(0x585, data)])
     assert not sent
     assert not client.busy
     assert client.wake_ns == NEVER
-    assert client.result is not None
-    assert (client.result.data if isinstance(end, bytes) else client.result.abort) == end
+    if end.startswith("!"):
+        assert client.result.abort == int(end[1:], 16)
+    else:
+        assert client.result.unwrap() == bytes.fromhex(end)
 
 
 def test_silence_ends_in_a_time_out():

@@ -22,7 +22,8 @@ def listening(tmp_path):
     rig = Rig(write(tmp_path), level="fit")
     arm = rig.scene.arm
     feed = Feed(SkinLayout.of(arm), "a test")
-    core = ListenCore(arm, 127, rig.wire.clock, feed, readings=True)
+    feed.now_ns = rig.wire.clock.now_ns
+    core = ListenCore(arm, 127, feed, readings=True)
     rig.wire.attach(core)
     heard = []
 

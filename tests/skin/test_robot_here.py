@@ -98,7 +98,7 @@ def test_a_listener_places_contacts_as_the_master_does_at_the_same_positions(tmp
     rig = Rig(str(write(tmp_path) / "scene.toml"), level="fit")
     arm = rig.scene.arm
     feed = Feed(SkinLayout.of(arm), "a test")
-    listener = ListenCore(arm, 127, rig.wire.clock, feed)
+    listener = ListenCore(arm, 127, feed)
     rig.wire.attach(listener)
     for ms in range(0, 1500, 10):
         for robot in (rig.master.robot, listener.robot):
