@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import faulthandler
 import logging
 import signal
 import sys
+import traceback
 from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
@@ -138,8 +140,12 @@ def main() -> None:
     2  what was given is wrong: a word, a file that is faulty or cannot be written; again it would be too
     3  the bus cannot be used now: it is not there, or another master is at work; again it may be otherwise
 
-    With 2 and 3 goes one clear message. SIGTERM, and a terminal that goes away, end a command as Ctrl-C does.
+    70 a fault of skinbus itself
+
+    With 2, 3 and 70 goes one clear message. SIGTERM, and a terminal that goes away, end a command as Ctrl-C does.
     """
+    if not faulthandler.is_enabled() and sys.stderr:
+        faulthandler.enable()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:  # not under nohup(1)
         signal.signal(signal.SIGHUP, signal.default_int_handler)
@@ -159,6 +165,14 @@ def main() -> None:
         if end.code == 1 and (output.is_broken_pipe(end.__context__) or sys.stdout is not stdout):
             sys.exit(output.BROKEN_PIPE)
         raise
+    except Exception as error:
+        if sys.flags.dev_mode:
+            raise
+        *_, last = traceback.extract_tb(error.__traceback__)
+        where = f"{last.filename}:{last.lineno}"
+        said = f"a fault of skinbus: {type(error).__name__}: {error} ({where})"
+        output.echo(f"skinbus: {said}; `python -X dev -m skinbus` shows more, please report it", err=True)
+        sys.exit(70)
 
 
 def _refuse(error: SkinbusError | OSError | UnicodeDecodeError) -> None:

@@ -12,6 +12,7 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
+from skinbus.cli.output import forget_output
 from skinbus.printable import layout
 
 WIDE: Final = 1000
@@ -21,10 +22,18 @@ WIDE: Final = 1000
 class Console(RichConsole):
     """A console on which a string is text only: styles are arguments, never part of it."""
 
-    def __init__(self, *, stderr: bool = False, **settings: Any) -> None:
+    def __init__(self, *, stderr: bool = False, outlives_reader: bool = False, **settings: Any) -> None:
+        """``outlives_reader``: go on without output when nobody reads it any more."""
         super().__init__(stderr=stderr, markup=False, emoji=False, highlight=False, **settings)
+        self._outlives_reader = outlives_reader
         if not self.is_terminal and "width" not in settings and "COLUMNS" not in os.environ:
             self.width = WIDE
+
+    def on_broken_pipe(self) -> None:
+        """End with status 1, or write to nowhere from now on."""
+        if not self._outlives_reader:
+            super().on_broken_pipe()
+        forget_output()
 
     def table(self, titles: Sequence[str], rows: Iterable[Sequence[Any]], title: str | None = None) -> None:
         """Print a table; columns of cells that begin with a digit or sign are right-aligned."""

@@ -7,6 +7,7 @@ newest is not whole. It is no database: one writer replaces all of it, and any t
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import json
 import math
@@ -37,8 +38,13 @@ class StateFile:
         return self.path.with_name(self.path.name + ".1")
 
     def load(self) -> dict[str, Any] | None:
-        """Return the newest whole state, None without one; nothing in a file raises."""
+        """Return the newest whole state, None without one; nothing in a file raises.
+
+        What writers that were killed have left unfinished is removed.
+        """
         self.faults = []
+        for unfinished in self.path.parent.glob(f".{glob.escape(self.path.name)}.*.tmp"):
+            unfinished.unlink(missing_ok=True)
         for path in (self.path, self.before):
             if not os.path.lexists(path):
                 continue

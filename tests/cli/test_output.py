@@ -2,6 +2,9 @@
 
 import json
 import os
+import subprocess
+import sys
+from textwrap import dedent
 
 import pytest
 from click.testing import CliRunner
@@ -115,6 +118,30 @@ def test_a_reader_that_has_gone_ends_a_command_without_a_word(args):
     with open(write, "w") as gone:
         answer = process(*args, stdout=gone)
     assert (answer.returncode, answer.stderr) == (output.BROKEN_PIPE, "")
+
+
+def test_a_master_goes_on_without_a_reader():
+    """Its console writes to nowhere; that of a command that only shows something ends it."""
+    code = """
+        import os, sys
+        from skinbus.cli.console import Console
+        for outlives in (True, False):
+            read, write = os.pipe()
+            os.close(read)
+            os.dup2(write, 1)
+            Console(outlives_reader=outlives, width=80).print("to nobody")
+            print("goes on", file=sys.stderr)
+    """
+    answer = subprocess.run([sys.executable, "-c", dedent(code)], capture_output=True, text=True)
+    assert (answer.returncode, answer.stderr) == (1, "goes on\n")
+
+
+def test_a_fault_of_our_own_is_one_line_with_its_place():
+    code = "from skinbus import cli; cli.group.main = lambda **words: 1 / 0; cli.main()"
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert answer.returncode == 70
+    (line,) = answer.stderr.splitlines()
+    assert "ZeroDivisionError: division by zero (<string>:1)" in line
 
 
 def test_json_to_standard_output_stands_there_alone():

@@ -28,6 +28,14 @@ def test_newest_generation_is_read_and_the_one_before_is_kept(two):
     assert two.path.stat().st_mode & 0o777 == 0o600
 
 
+def test_what_killed_writers_left_is_removed_at_the_next_start(two):
+    (two.path.parent / ".state.4711.tmp").write_bytes(b"half")
+    other = two.path.parent / ".state2.4711.tmp"
+    other.write_bytes(b"of another file")
+    assert two.load() == NEW
+    assert {path.name for path in two.path.parent.iterdir()} == {"state", "state.1", other.name}
+
+
 def test_cut_anywhere_the_generation_before_is_read(two):
     whole = two.path.read_bytes()
     for length in range(len(whole)):

@@ -103,7 +103,7 @@ def command(
     """
     loaded = load_arm(arm)
     places = find_places(loaded.buses, *where)
-    console = Console()
+    console = Console(outlives_reader=True)
     run = Run(loaded, console)
     with ExitStack() as ears:
         # The buses are opened first: one that cannot be is reported at once; frames are received meanwhile.
