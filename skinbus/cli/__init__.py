@@ -142,7 +142,7 @@ def main() -> None:
 
     70 a fault of skinbus itself
 
-    With 2, 3 and 70 goes one clear message. SIGTERM, and a terminal that goes away, end a command as Ctrl-C does.
+    With 2, 3 and 70 goes one clear message. SIGTERM, and a terminal that goes away, end it as Ctrl-C does.
     """
     if not faulthandler.is_enabled() and sys.stderr:
         faulthandler.enable()
