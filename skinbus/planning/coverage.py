@@ -22,7 +22,6 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import distance_transform_edt
 
 from skinbus.estimate.levels.merge import EVIDENCE
 from skinbus.model import Arm, Law, Radial
@@ -68,8 +67,6 @@ class Coverage:
     link: str
     step: tuple[float, float]
     """m, along s and around."""
-    is_closed: bool
-    """Whether the last column is beside the first."""
     s: Floats
     a: Floats
     board: Ints
@@ -78,17 +75,6 @@ class Coverage:
     sd_place: Floats
     sd_force: Floats
     holds: Bools
-
-    def blind_spot(self) -> tuple[float, float, float] | None:
-        """Return s, a and diameter (m, on the chart) of the largest circle without a registered touch."""
-        blind = np.isinf(self.least_force) & (self.board != NOWHERE)
-        if not blind.any():
-            return None
-        wide = np.pad(np.tile(blind, 3 if self.is_closed else 1), 1)
-        radius = np.asarray(distance_transform_edt(wide, sampling=self.step))[1:-1, 1:-1]
-        i, j = np.unravel_index(radius.argmax(), radius.shape)
-        at = i, j % blind.shape[1]
-        return float(self.s[at]), float(self.a[at]), 2.0 * float(radius.max())
 
 
 def cover(arm: Arm, *, force: float = FORCE, step: float = STEP) -> list[Coverage]:
@@ -154,7 +140,6 @@ def _cover_link(arm: Arm, k: int, force: float, step: float) -> Coverage:
     return Coverage(
         link=arm.links[k].name,
         step=(surface.length / shape[0], surface.width / shape[1]),
-        is_closed=surface.period > 0.0,
         s=grid[0],
         a=grid[1],
         **pictures,

@@ -32,7 +32,7 @@ _RATE_STEP: Final = 0.5
 """Rates are searched to this, Hz."""
 _WRITTEN: Final = (
     *("arm", "bitrate", "data_bitrate", "rate_hz", "level", "holds", "load", "cyclic_load", "response_ns"),
-    *("compute_ns", "wait_ns", "readings_ns", "published_ns", "age_ns", "latency_ns", "warnings"),
+    *("compute_ns", "wait_ns", "readings_ns", "published_ns", "latency_ns", "warnings"),
 )
 _OF_LEVEL: Final = ("compute_ns", "holds", "largest_hz")
 
@@ -114,16 +114,11 @@ class Plan:
         return self._end_ns(Release.PUBLISHED)
 
     @property
-    def age_ns(self) -> int | None:
-        """Age of the readings behind the last contact when it is out: since the patches received the SYNC."""
-        published_ns = self.published_ns
-        return None if published_ns is None else published_ns - frame_ns(_SYNC_BITS, self.bitrate)
-
-    @property
     def latency_ns(self) -> int | None:
-        """From a touch, at the worst moment, to its contact on the bus: a period more than the age."""
-        age_ns = self.age_ns
-        return None if age_ns is None else age_ns + round(SECOND / self.rate_hz)
+        """From a touch, a period before the SYNC is received at worst, to its contact on the bus."""
+        if self.published_ns is None:
+            return None
+        return self.published_ns - frame_ns(_SYNC_BITS, self.bitrate) + round(SECOND / self.rate_hz)
 
     @property
     def faults(self) -> list[str]:

@@ -73,7 +73,7 @@ def test_what_is_registered_begins_at_the_least_force():
             assert len(estimator.update(readings, 0)) == n
 
 
-def test_the_largest_blind_spot_is_on_the_back():
+def test_areas_are_those_of_the_surface_and_bare_skin_is_blind():
     arm = ring(gap=0.0)
     links = [*arm.links, Link("bare", Surface.plane(0.06, 0.04))]
     coverage, bare = cover(Arm("two links", links, arm.patches))
@@ -82,11 +82,7 @@ def test_the_largest_blind_spot_is_on_the_back():
     assert coverage.area[coverage.board >= 0].sum() == pytest.approx(3 * 0.05**2, rel=0.03)
     blind = np.isinf(coverage.least_force)
     assert 0.0 < coverage.area[blind].sum() < coverage.area[coverage.board < 0].sum()
-    s, a, width = coverage.blind_spot()
-    assert abs(a) > 1.5 * 0.05 + 0.5 * width - 3e-3
-    assert s == pytest.approx(0.5 * surface.length, abs=3e-3)
-    assert width == pytest.approx(surface.length, abs=3e-3)
-    assert bare.blind_spot() == pytest.approx((0.03, 0.0, 0.04), abs=0.011)
+    assert np.isinf(bare.least_force).all()
 
 
 def test_a_dead_tactel_makes_place_and_least_force_worse_around_it():

@@ -22,10 +22,10 @@ COLUMNS: Final = {
 }
 """Column of the coverage, and the factor to the unit."""
 TITLES: Final = (
-    "link", "area_cm2", "on_boards_cm2", "blind_cm2", "blind_spot_s_a_width_mm", *COLUMNS, "bound_holds_pct",
+    "link", "area_cm2", "on_boards_cm2", "blind_cm2", *COLUMNS, "bound_holds_pct",
 )  # fmt: skip
 NOTE: Final = (
-    "blind is what registers no touch of any force, its largest spot is given by s, a and width; forces and "
+    "blind is what registers no touch of any force, the report shows where; forces and "
     "standard deviations are median and worst on the boards; level full reaches them where the bound holds"
 )
 
@@ -67,18 +67,17 @@ def command(arm: str, force: float, step_mm: float, report: Path | None) -> None
 
 
 def _row(link: Coverage) -> tuple[str, ...]:
-    """Return what a link has: areas, its largest blind spot, and spreads on the boards."""
+    """Return what a link has: areas, and spreads on the boards."""
     import numpy as np
 
     on, blind = link.board >= 0, np.isinf(link.least_force)
     areas = [f"{1e4 * link.area[points].sum():.3g}" for points in (slice(None), on, blind)]
-    spot = link.blind_spot()
     spreads = []
     for column, unit in COLUMNS.values():
         values = unit * getattr(link, column)[on] if on.any() else [np.nan]
         spreads.append("{:.3g}, {:.3g}".format(*np.quantile(values, (0.5, 1.0), method="lower")))
     return (
-        link.link, *areas, ", ".join(f"{1e3 * x:.3g}" for x in spot) if spot else "none", *spreads,
+        link.link, *areas, *spreads,
         f"{100 * link.holds[on].mean():.3g}" if on.any() else "none",
     )  # fmt: skip
 

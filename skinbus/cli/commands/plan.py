@@ -114,7 +114,6 @@ def _show(plan: Plan, console: Console) -> None:
         "bus load at worst": load,
         "last reading in, ms after SYNC": _ms(plan.readings_ns),
         "last contact out, ms after SYNC": _ms(plan.published_ns),
-        "age of its readings, ms": _ms(plan.age_ns),
         "touch to contact, ms, a period included": _ms(plan.latency_ns),
     }
     for fit in plan.levels:

@@ -24,10 +24,10 @@ STEP_NS: Final = 100_000_000
 
 
 class History:
-    """Forces by id and latencies of the cycles of the last twenty seconds."""
+    """Forces by id of the cycles of the last twenty seconds."""
 
     def __init__(self) -> None:
-        self._rows: deque[tuple[int, float, dict[int, float]]] = deque()
+        self._rows: deque[tuple[int, dict[int, float]]] = deque()
         self._last_number = 0
         self.n_lost = 0
         """Cycles that the source made and that have not come here."""
@@ -41,7 +41,7 @@ class History:
         if rows and rows[-1][0] > t_ns:
             rows.clear()
         forces = dict(zip(records["id"].tolist(), records["force"].tolist(), strict=True))
-        rows.append((t_ns, cycle.latency_s, forces))
+        rows.append((t_ns, forces))
         while t_ns - rows[0][0] >= SPAN_NS:
             rows.popleft()
 
@@ -53,19 +53,15 @@ class History:
         rows, n = self._rows.copy(), SPAN_NS // STEP_NS
         times: Floats = (np.arange(n, dtype=np.float64) - (n - 1)) * 1e-9 * STEP_NS
         ids: dict[int, None] = {}
-        for _, _, forces in reversed(rows):
+        for _, forces in reversed(rows):
             ids |= dict.fromkeys(forces)
         shown = sorted(list(ids)[:most])
         table = np.zeros((n, len(shown)))
-        for t_ns, _, forces in rows:
+        for t_ns, forces in rows:
             k = n - 1 - (rows[-1][0] - t_ns) // STEP_NS
             for column, key in enumerate(shown):
                 table[k, column] = max(table[k, column], forces.get(key, 0.0))
         return times, shown, table
-
-    def latencies(self) -> Floats:
-        """Return the latencies of the cycles, (n,) s."""
-        return np.array([latency_s for _, latency_s, _ in self._rows.copy()])
 
 
 class Follower:

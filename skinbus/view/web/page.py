@@ -268,8 +268,7 @@ class Page:
         if cycle is None:
             return
         self._boards.content = panels.boards(cycle, self._arm, self._pressed.of(cycle.readings))
-        period_ms = 1e3 / self._arm.bus.rate_hz
-        self._cycle.content = panels.cycle_table(cycle, source.history.latencies(), period_ms)
+        self._cycle.content = panels.cycle_table(cycle, 1e3 / self._arm.bus.rate_hz)
         times, ids, forces = source.history.forces(len(SERIES))
         with self.server.atomic():  # a plot has as many columns as series
             if ids != self._ids:

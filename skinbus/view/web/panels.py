@@ -7,14 +7,12 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Final
 
-import numpy as np
-
 from skinbus.model import Arm
 from skinbus.printable import printable
 from skinbus.skin.cycle import Cycle, CycleFlags, PatchState, TactelFault
 from skinbus.skin.pressed import Loads
 from skinbus.view.web import colours
-from skinbus.view.web.follower import Floats, Follower
+from skinbus.view.web.follower import Follower
 
 STATES: Final = {
     PatchState.UNUSED: ("not in the arm file", "lost"),
@@ -120,19 +118,15 @@ def board_name(arm: Arm, patch: int) -> str:
     return f"{bus + ' ' if bus else ''}{placed.node_id} on {arm.links[placed.link].name}"
 
 
-def cycle_table(cycle: Cycle, latencies_s: Floats, period_ms: float) -> str:
+def cycle_table(cycle: Cycle, period_ms: float) -> str:
     """Return what the newest cycle says of itself."""
-    budget_us, late = cycle.budget_us, "&ndash;"
+    budget_us = cycle.budget_us
     budget = UNKNOWN if budget_us is None else f"{1e-3 * budget_us:.1f} ms"
-    if len(latencies_s):
-        middle, most = 1e3 * np.percentile(latencies_s, (50, 99))
-        late = f"p50 {middle:.1f}, p99 {most:.1f}, max {1e3 * latencies_s.max():.1f} ms"
     rows = {
         "level": cycle.level or UNKNOWN,
         "time for the estimator": "no limit" if budget_us == math.inf else budget,
         "flags": ", ".join(str(flag.name).lower().replace("_", " ") for flag in cycle.flags) or "none",
         "SYNC to contacts": f"{1e3 * cycle.latency_s:.1f} ms of {period_ms:.1f} ms",
-        "over the last 20 s": late,
         "SYNC": str(cycle.counter),
     }
     return panel(table(rows.items(), ("key", "")))

@@ -66,14 +66,11 @@ def test_state_of_the_source_is_said(changes, flags, is_stale, said):
 
 
 def test_cycle_says_its_level_its_time_and_how_late_it_is():
-    latencies = np.array([5e-3])
-    shown = panels.cycle_table(made_cycle(1), latencies, 20.0)
-    for words in ("fit", "5.0 ms of 20.0 ms", "p50 5.0, p99 5.0, max 5.0 ms"):
+    shown = panels.cycle_table(made_cycle(1), 20.0)
+    for words in ("fit", "5.0 ms of 20.0 ms", "not known from here"):  # its budget
         assert words in shown
-    assert "not known from here" in shown  # its budget
-    shown = panels.cycle_table(made_cycle(1, budget_us=12_340.0), latencies, 20.0)
-    assert "12.3 ms" in shown
-    assert "no limit" in panels.cycle_table(made_cycle(1, budget_us=np.inf), latencies, 20.0)
+    assert "12.3 ms" in panels.cycle_table(made_cycle(1, budget_us=12_340.0), 20.0)
+    assert "no limit" in panels.cycle_table(made_cycle(1, budget_us=np.inf), 20.0)
 
 
 def test_legend_has_its_numbers():

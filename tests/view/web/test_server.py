@@ -1,23 +1,17 @@
 """Only own pages connect; those with the token may change something; none can end the server."""
 
-import gc
-import math
-import sys
 import threading
 import time
 from contextlib import ExitStack
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 import viser
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from skinbus.skin.cycle import PatchState
-from skinbus.view.web.follower import History
-from skinbus.view.web.page import CLIENTS, Page, is_own
-from tests.cli.patience import PATIENCE_S, TRIES
+from skinbus.view.web.page import CLIENTS, is_own
+from tests.cli.patience import PATIENCE_S
 from tests.view.web.cycles import ARM, made_cycle
 from tests.view.web.shown import Fixed, Shown
 
@@ -93,53 +87,3 @@ def test_clients_that_do_not_read_end_nothing_and_too_many_are_refused(shown):
         with opened(shown) as one_more:
             assert closed_with(one_more) == 1013
         assert links[0].recv(PATIENCE_S)
-
-
-GROWTH = 100
-"""Blocks in 200 draws: an object kept for every other one is seen, however often that is tried."""
-
-
-class Hour:
-    """Cycles of an hour, one in six seconds: contacts come and go, boards are lost and come back."""
-
-    silent_s, pace, error, has_ended, has_zeros, n_cycles, gone = 0.0, 1.0, None, False, True, 0, ""
-
-    def __init__(self):
-        self.history, self.newest = History(), None
-
-    def go_to(self, n):
-        contacts = [{"id": 1 + (n + k) % 200, "s": 0.05, "a": 0.01 * k, "force": 2.0} for k in range(n % 4)]
-        pressures = np.full(ARM.n_tactels, 100.0 * (n % 50))
-        lost = {n % 24: PatchState.SILENT} if n % 3 else {}
-        self.newest = made_cycle(1 + 300 * n, contacts, states=lost, pressures=pressures)
-        self.history.take(self.newest)
-
-
-def settled():
-    """Return how many blocks of memory Python has when the server's thread has sent what waits."""
-    counts = [math.inf]
-    for _ in range(200):
-        gc.collect()
-        counts.append(sys.getallocatedblocks())
-        if counts[-1] >= counts[-2]:
-            break
-        threading.Event().wait(0.02)
-    return min(counts)
-
-
-@pytest.mark.slow
-def test_page_that_is_open_for_an_hour_takes_no_more_memory():
-    hour = Hour()
-    page = Page(ARM, hour, "an hour", port=0)
-    try:
-        counts = []
-        for n in range(200 * (2 + TRIES)):
-            hour.go_to(n)
-            page.update()
-            if n % 200 == 199:  # what is made once is made in the first 400
-                counts.append(settled())
-                if len(counts) > 2 and counts[-1] - counts[-2] < GROWTH:  # else another thread made more
-                    break
-        assert counts[-1] - counts[-2] < GROWTH
-    finally:
-        page.close()
