@@ -62,17 +62,17 @@ class EmcyService:
         self._free_ns = 0
         dictionary.rules[ERROR_HISTORY] = self._check_history
         dictionary.readers[ERROR_HISTORY] = self._read_history
-        dictionary.writers[ERROR_HISTORY] = lambda sub, data: self._history.clear()
+        dictionary.writers[ERROR_HISTORY] = self._clear_history
         dictionary.rules[EMCY_COB_ID] = self._check_cob_id
 
     def reset(self) -> None:
         """Clear all errors, as at power-on; nothing is sent."""
         self._active.clear()
         self._waiting.clear()
-        self._history.clear()
         self._free_ns = 0
         self.wake_ns = NEVER
         self._write_register()
+        self._clear_history()
 
     def raise_error(self, code: int, register: int = 0, data: bytes = b"") -> bool:
         """An error came; False when it was there already (same code and data)."""
@@ -83,6 +83,7 @@ class EmcyService:
         self._active[code, data] = bits | ErrorRegister.GENERIC
         self._write_register()
         self._history.appendleft(code | int.from_bytes(data[:2], "little") << 16)
+        self._write_history()
         self._queue(code, data)
         return True
 
@@ -131,6 +132,15 @@ class EmcyService:
         for bits in self._active.values():
             register |= bits
         self.values.put(ERROR_REGISTER, 0, register)
+
+    def _write_history(self) -> None:
+        """Let the host read it, too."""
+        for sub, value in enumerate((len(self._history), *self._history)) if self._history.maxlen else ():
+            self.values.put(ERROR_HISTORY, sub, value)
+
+    def _clear_history(self, sub: int = 0, data: bytes = b"") -> None:
+        self._history.clear()
+        self._write_history()
 
     def _read_history(self, sub: int) -> bytes:
         # CiA 301, 7.5.2.4: what is not there has no data, although its sub-index is in the EDS.
