@@ -8,9 +8,9 @@ from click.testing import CliRunner
 
 from skinbus.cli.commands import plan, scene
 from skinbus.config.system import load_arm
-from skinbus.errors import ArgumentError, ConfigError, SkinbusError
+from skinbus.errors import ArgumentError, SkinbusError
 from skinbus.master.robot import MasterRobot
-from skinbus.robot.chain import SLACK_RAD, check_positions, check_robot
+from skinbus.robot.chain import SLACK_RAD, check_positions
 from tests.robot.two_joints import ARM, URDF, write
 
 HEAD = ARM[: ARM.index("[[joint]]")]
@@ -18,12 +18,6 @@ HEAD = ARM[: ARM.index("[[joint]]")]
 
 def robot(folder, joints):
     return MasterRobot(load_arm(str(write(folder, HEAD + joints) / "arm.toml")))
-
-
-def test_a_joint_that_the_urdf_does_not_have_is_a_fault_of_the_arm_file(tmp_path):
-    write(tmp_path, ARM.replace('"second"', '"elbow"'))
-    with pytest.raises(ConfigError, match=r"joint\[1\]\.name: is 'elbow'; wanted a joint of the URDF"):
-        check_robot(load_arm(str(tmp_path / "arm.toml")))
 
 
 def test_positions_from_a_program_are_within_the_limits_but_for_the_slack(tmp_path):

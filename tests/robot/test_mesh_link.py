@@ -53,10 +53,10 @@ def boards_around(mesh, direction):
     return laid
 
 
-def curved_arm(mesh, direction, law=None):
+def curved_arm(mesh, direction):
     """An arm with four boards on a mesh that is curved in two directions."""
     laid = boards_around(mesh, np.asarray(direction))
-    patch = Patch(tactels_uv=UV, law=law or Cone(), noise=20.0)
+    patch = Patch(tactels_uv=UV, law=Cone(), noise=20.0)
     boards = [PlacedPatch(patch=patch, node_id=k + 1, link=0, s=0.0, a=0.0) for k in range(len(laid))]
     return mesh_arm(mesh, laid, boards)
 

@@ -90,17 +90,6 @@ def test_with_a_limit_of_velocity_one_position_is_enough_and_says_how_far_it_may
         assert sd[0] == pytest.approx(math.hypot(0.01, 2.0 * off / 1e3))
 
 
-def test_positions_that_came_after_a_sync_do_not_hide_those_before_it():
-    joints = positions(("revolute",))
-    for ms in range(60):  # a loop of 1 kHz; the cycle of the SYNC at 10 ms closes at 60 ms
-        joints.set(ms * MS, [1e-3 * ms])
-    for t_ns in (10 * MS, 10 * MS + MS // 3, 59 * MS + MS // 2):
-        q, sd = joints.at(t_ns)
-        assert q[0] == pytest.approx(1e-9 * t_ns, abs=1e-12)
-        assert sd[0] < 1e-12
-    assert joints.at(-1) is None
-
-
 def test_a_fixed_joint_is_always_known():
     joints = positions(("revolute", "prismatic"), JointSettings(name="j0", fixed=0.7, sd=0.01))
     assert joints.from_python == ("j1",)

@@ -79,17 +79,6 @@ def test_pressures_are_the_integral_over_the_shape_within_the_bound(indenter, ta
         assert np.abs(given - expected).max() <= BOUND * expected.max()
 
 
-def test_turning_shape_and_place_together_turns_the_readings():
-    arm = board()
-    n = 8
-    first = pressures(arm, PALM, (0.035, 0.004, 0.3), thickness_mm=6.0, tactel="disc").reshape(n, n)
-    turned = pressures(
-        arm, PALM, (0.03 - 0.004, 0.005, 0.3 + np.pi / 2), thickness_mm=6.0, tactel="disc"
-    ).reshape(n, n)
-    matches = [np.abs(np.rot90(first, k) - turned).max() for k in (1, 3)]
-    assert min(matches) < BOUND * first.max()
-
-
 def test_force_that_arrives_is_the_force_that_presses():
     patch = Patch(tactels_uv=grid(8, 8, 15e-3), size=(0.12, 0.12))
     arm = Arm(

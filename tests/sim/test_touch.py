@@ -19,11 +19,6 @@ def test_touch_presses_from_its_first_to_its_last_force_key(pad_arm):
     assert (at.link[0], at.s[0], at.a[0], at.touch[0]) == (0, 0.02, 0.001, 0)
 
 
-def test_step_of_force_is_two_keys_at_one_time(pad_arm):
-    plan = TouchPlan(pad_arm, [touch([[0, 0.02, 0.0]], [[1, 0], [1, 4], [2, 4], [2, 0]])])
-    assert [plan.at(t).force.tolist() for t in (0.999, 1.0, 1.999, 2.0)] == [[], [4.0], [4.0], []]
-
-
 def test_path_runs_through_the_wrap_of_a_closed_surface(ring_arm):
     period = float(ring_arm.link_period[0])
     path = [[0, 0.05, 0.45 * period], [1, 0.05, 0.55 * period]]

@@ -32,3 +32,14 @@ def made_cycle(number, contacts=(), *, states=None, pressures=None, valid=None, 
     )
     same = {"records": records, "patch_records": patches, "readings": readings}
     return made(number, t_ns, LAYOUT, age_ns=5_000_000, **same | changes)
+
+
+def busy_cycle(number=1):
+    """Return a cycle of two contacts, a slope of pressures, a lost and a booting board."""
+    contacts = [
+        {"id": 1, "s": 0.076, "a": -0.05, "force": 6.0},
+        {"id": 2, "s": 0.03, "a": -0.09, "force": 2.0},
+    ]
+    pressures = np.linspace(0.0, 30e3, ARM.n_tactels)
+    lost = {7: PatchState.SILENT, 13: PatchState.BOOTING}
+    return made_cycle(number, contacts, pressures=pressures, states=lost)
