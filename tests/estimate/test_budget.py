@@ -7,7 +7,7 @@ import pytest
 
 from skinbus.estimate import LEVELS, Clock, Estimator, Quality
 from skinbus.model import Cone
-from tests.hard.extremes import random_readings
+from tests.hard.test_extremes import random_readings
 from tests.oracle import cases
 
 TOUCHES = [(0.025, 0.0), (0.0255, 0.1275), (0.051, -0.1), (0.077, 0.0765), (0.128, -0.05), (0.04, 0.012)]

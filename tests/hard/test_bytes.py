@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skinbus.can.frame import Frame, FrameBatch
+from skinbus.can.frame import FrameBatch
 from skinbus.config.system import load_arm, ods_of
 from skinbus.estimate import LEVELS, Contacts, Estimator, Tracker
 from skinbus.master.cycle import Cycle
@@ -20,29 +20,20 @@ PERIOD_NS = 20_000_000
 N_QUIET = 30
 
 
-def frames_of(plan, counts, t_ns):
-    """The frames that carry these counts."""
-    batch = FrameBatch(plan.n_frames)
-    pack(plan, counts, batch)
-    return [frame._replace(t_ns=t_ns) for frame in batch]
-
-
 def patterns(rng, n):
     """Counts of one cycle: ends of their range, noise about zero, some stuck at an end, anything."""
+    for _ in range(N_QUIET):  # without a zero, bytes like these are noise, and nothing is published
+        yield rng.integers(-30, 30, n)
     while True:
         yield rng.choice([-0x8000, 0x7FFF, 0, 1, -1], size=n)
         quiet = rng.integers(-30, 30, n)
         yield quiet
-        stuck = quiet.copy()
-        stuck[rng.random(n) < 0.05] = 0x7FFF
-        yield stuck
+        yield np.where(rng.random(n) < 0.05, 0x7FFF, quiet)
         yield rng.integers(-0x8000, 0x8000, n)
         yield np.full(n, rng.choice([-0x8000, 0x7FFF]))
 
 
-@pytest.mark.parametrize(
-    ("name", "n_cycles"), [("pad", 300), pytest.param("arm", 40, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("name", "n_cycles"), [("pad", 60), pytest.param("arm", 40, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("zero_at_start", [False, True])
 def test_any_bytes_on_the_wire_give_sound_contacts_and_tracks(name, n_cycles, zero_at_start):
     arm = load_arm(name)
@@ -53,24 +44,16 @@ def test_any_bytes_on_the_wire_give_sound_contacts_and_tracks(name, n_cycles, ze
     rng = np.random.default_rng(8)
     print("seed 8")
     shown, n_contacts, t_ns = patterns(rng, arm.n_tactels), 0, 0
-    for _ in range(N_QUIET):  # without a zero, bytes like these are noise, and nothing is published
-        t_ns += PERIOD_NS
-        gather.open(t_ns, np.ones(arm.n_patches, np.bool_))
-        frames = frames_of(plan, rng.integers(-30, 30, arm.n_tactels).astype(np.int32), t_ns)
-        batch = FrameBatch(len(frames))
-        batch.extend(frames)
-        gather.take(batch)
-        cycle.run(t_ns, gather.counts, gather.close(), LEVELS[0])
-    for n in range(n_cycles):
-        t_ns += int(rng.choice([PERIOD_NS, 0, -PERIOD_NS, 10**9, 1]))
-        counts = np.clip(next(shown), -full - 1, full).astype(np.int32)
-        frames = [f for f in frames_of(plan, counts, t_ns) if rng.random() > 0.01]
-        frames += [frames[0], frames[-1]._replace(data=frames[-1].data[:3]), Frame(0x7E5, b"\xff" * 8, t_ns)]
-        gather.open(t_ns, np.ones(arm.n_patches, np.bool_))
-        batch = FrameBatch(len(frames))
+    for n in range(-N_QUIET, n_cycles):
+        t_ns += PERIOD_NS if n < 0 else int(rng.choice([PERIOD_NS, 0, -PERIOD_NS, 10**9, 1]))
+        batch = FrameBatch(plan.n_frames)
+        pack(plan, np.clip(next(shown), -full - 1, full).astype(np.int32), batch, t_ns)
+        frames = [frame for frame in batch if n < 0 or rng.random() > 0.01]
+        batch.n = 0
         batch.extend([frames[i] for i in rng.permutation(len(frames))])
+        gather.open(t_ns, np.ones(arm.n_patches, np.bool_))
         gather.take(batch)
-        level = LEVELS[n % 3]
+        level = LEVELS[max(n, 0) % 3]
         contacts, tracks = cycle.run(t_ns, gather.counts, gather.close(), level)
         assert not check_contacts(arm, contacts, level), n
         for column in (tracks.s, tracks.a, tracks.force, tracks.mean, tracks.covariance):
@@ -79,27 +62,6 @@ def test_any_bytes_on_the_wire_give_sound_contacts_and_tracks(name, n_cycles, ze
         assert np.isfinite([cycle.loads.force, cycle.loads.force_sd]).all()
         n_contacts += len(contacts)
     assert n_contacts > n_cycles / 4
-    assert gather.counters.unknown == n_cycles
-
-
-def contact_of(force, variance, s, residual, t_ns):
-    """One contact as a cycle gives it."""
-    one = np.zeros(1, np.int64)
-    return Contacts(
-        t_ns=t_ns,
-        link=one,
-        s=np.array([s]),
-        a=np.array([-s]),
-        force=np.array([force]),
-        patch=one,
-        level=np.array(["full"]),
-        n_tactels=one + 300,
-        quality=one + 31,
-        status=one,
-        size=np.zeros(1),
-        residual=np.array([residual]),
-        covariance=np.full((1, 3, 3), variance),
-    )
 
 
 @pytest.mark.parametrize("t_ns", [0, -5, 2**62])
@@ -108,25 +70,33 @@ def contact_of(force, variance, s, residual, t_ns):
     [(5.0, 1e300, 0.02), (5.0, -1e300, -900.0), (9e8, 4e40, 900.0), (1e-300, 5e-324, 0.0)],
 )
 def test_what_does_not_fit_an_object_saturates(force, variance, s, t_ns):
-    arm = load_arm("pad")
-    od = load_eds("skin-master", 127)
-    device = Device(od, 127)
-    publisher, tracker = Publisher(arm, [device]), Tracker(arm)
-    contacts = contact_of(force, variance, s, abs(variance), t_ns)
-    publisher.contacts(t_ns, contacts, tracker.update(contacts, t_ns))
+    arm, od, one = load_arm("pad"), load_eds("skin-master", 127), np.zeros(1, np.int64)
+    device, tracker = Device(od, 127), Tracker(arm)
+    contacts = Contacts(
+        t_ns=t_ns,
+        s=np.array([s]),
+        a=np.array([-s]),
+        force=np.array([force]),
+        level=np.array(["full"]),
+        size=np.zeros(1),
+        residual=np.array([abs(variance)]),
+        covariance=np.full((1, 3, 3), variance),
+        n_tactels=one + 300,
+        quality=one + 31,
+        **dict.fromkeys(("link", "patch", "status"), one),
+    )
+    Publisher(arm, [device]).contacts(t_ns, contacts, tracker.update(contacts, t_ns))
     record = device.values.rows(od[contact(1).object].index, 1)[0]
-    for name in record.dtype.names:
-        assert np.isfinite(record[name]), name
+    assert np.isfinite(list(record.tolist())).all()
     sent = unpack_contacts(bytes(record.tobytes()[:8]))
     assert sent.force[0] == pytest.approx(min(force, 655.35), abs=0.005)
     assert sent.s[0] == pytest.approx(min(max(s, -3.2768), 3.2767), abs=5e-5)
     assert record["Tactels used"] == 0xFF
 
 
-@pytest.mark.parametrize("count", [10**9, 2**31 - 1, 2**32 - 1, 2**32, 2**53 + 1, 2**64])
-def test_counters_of_frames_wrap_on_the_wire_and_go_on_inside(count):
+def test_counters_of_frames_wrap_on_the_wire_and_go_on_inside():
     device = Device(load_eds("skin-master", 127), 127)
     publisher = Publisher(load_arm("pad"), [device])
-    publisher.frames(FrameCounters(accepted=count, unknown=count, bad_length=count, late=count))
-    for index, sub in ((0x2200, 1), (0x2200, 2), (0x2200, 3)):
-        assert device.get(index, sub) == count & 0xFFFFFFFF
+    for count in (10**9, 2**31 - 1, 2**32 - 1, 2**32, 2**53 + 1, 2**64):
+        publisher.frames(FrameCounters(accepted=count, unknown=count, bad_length=count, late=count))
+        assert [device.get(0x2200, sub) for sub in (1, 2, 3)] == [count & 0xFFFFFFFF] * 3

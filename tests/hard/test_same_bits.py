@@ -17,39 +17,20 @@ ROOT = Path(__file__).parent.parent.parent
 ALIKE = 1e-12
 
 
-def run(*options, **environment):
+def run(**environment):
     """Return what the kernels make of the inputs, in a process of their own."""
-    command = [sys.executable, "-W", "error", "-m", "tests.hard.bits", *options]
-    done = subprocess.run(
-        command, cwd=ROOT, env=os.environ | environment, capture_output=True, text=True, check=False
-    )
+    command = [sys.executable, "-W", "error", "-m", "tests.hard.bits"]
+    done = subprocess.run(command, cwd=ROOT, env=os.environ | environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
     return {name: [float.fromhex(v) for v in values] for name, values in json.loads(done.stdout).items()}
 
 
-@pytest.fixture(scope="module")
-def compiled():
-    return run()
-
-
-def same(one, two):
-    """NaN is the same as NaN."""
-    return one.keys() == two.keys() and all(
-        np.array_equal(one[name], two[name], equal_nan=True) for name in one
-    )
-
-
 @pytest.mark.slow  # in small: test_budget_in_work_gives_the_same_bits_every_time
-def test_every_run_gives_the_same_bits(compiled):
+def test_every_run_gives_the_same_bits_and_uncompiled_the_same_numbers():
+    compiled, again, plain = run(), run(), run(NUMBA_DISABLE_JIT="1")
     assert sum(map(len, compiled.values())) > 1000
-    assert same(compiled, run())
-
-
-@pytest.mark.slow  # it runs everything uncompiled
-def test_uncompiled_the_numbers_are_the_same(compiled):
-    plain = run(NUMBA_DISABLE_JIT="1")
-    assert plain.keys() == compiled.keys()
+    assert compiled.keys() == again.keys() == plain.keys()
     for name, want in compiled.items():
-        assert len(plain[name]) == len(want), name
+        assert np.array_equal(want, again[name], equal_nan=True), name
         scale = np.abs(want).max(initial=0.0)
         assert np.allclose(plain[name], want, rtol=ALIKE, atol=ALIKE * scale), name
