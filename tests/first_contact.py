@@ -13,7 +13,7 @@ import skinbus  # noqa: E402
 from skinbus.jit import on_compile, refuse  # noqa: E402
 
 
-def first_contact() -> str:
+def first_contact():
     """Return where the first contact of a scene came from."""
     with on_compile(refuse), skinbus.simulate("pad") as skin:
         for cycle in skin:

@@ -1,12 +1,9 @@
 """Inner kernels, which only compiled code can call, for tests in Python."""
 
-from collections.abc import Callable
-from typing import Any
-
 from numba import njit
 
 
-def from_python(inner: Callable[..., Any]) -> Any:
+def from_python(inner):
     """Return a function that Python can call and that does what an inner kernel does."""
 
     @njit

@@ -62,7 +62,7 @@ FREE = {
 EVERYONE_MAY = {"file_bytes", "errors", "jit", "lazy", "printable"}
 
 
-def imported_parts(path: Path) -> set[str]:
+def imported_parts(path):
     """Names of the parts of skinbus that a module imports, at any depth of its code."""
     parts = set()
     for node in ast.walk(ast.parse(path.read_text())):
@@ -79,7 +79,7 @@ def imported_parts(path: Path) -> set[str]:
     return parts
 
 
-def relative(path: Path) -> str:
+def relative(path):
     return str(path.relative_to(ROOT))
 
 
@@ -112,9 +112,9 @@ def test_modules_form_no_import_cycle():
             elif isinstance(node, ast.Import):
                 targets |= {a.name for a in node.names if a.name in known}
         edges[name] = targets - {name}
-    done: set[str] = set()
+    done = set()
 
-    def visit(name: str, trail: tuple[str, ...]) -> None:
+    def visit(name, trail):
         assert name not in trail, f"cycle: {' -> '.join([*trail[trail.index(name) :], name])}"
         if name not in done:
             for target in edges[name]:

@@ -4,14 +4,11 @@ It runs in a process of its own and has no clock but ours (see npm/peer.js), so 
 pass in no time, and every run is the same.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re
 import shutil
 import subprocess
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,7 +30,7 @@ STEP_NS = 1_000_000
 class PeerError(Exception):
     """The peer refused or failed; ``code`` is its SDO abort code, if it has one."""
 
-    def __init__(self, text: str, code: int | None) -> None:
+    def __init__(self, text, code):
         super().__init__(text)
         self.code = code
 
@@ -53,22 +50,22 @@ class JsPeer(Core):
 
     cob_ids = None
 
-    def __init__(self) -> None:
+    def __init__(self):
         self._process = subprocess.Popen(
             ["node", NPM / "peer.js"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=NPM
         )
-        self._calls: dict[int, Call] = {}
-        self._waiting: list[tuple[int, str, dict[str, Any]]] = []
-        self.events: list[tuple[str, dict[str, Any]]] = []
+        self._calls = {}
+        self._waiting = []
+        self.events = []
 
-    def call(self, name: str, **arguments: Any) -> Call:
+    def call(self, name, **arguments):
         """Ask for something; it begins with the peer's next step."""
         call = Call(len(self._calls))
         self._calls[call.number] = call
         self._waiting.append((call.number, name, arguments))
         return call
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+    def step(self, now_ns, frames):
         """Hand time, frames and wishes over; wait for what it makes of them."""
         calls, self._waiting = self._waiting, []
         request = {
@@ -92,11 +89,11 @@ class JsPeer(Core):
         wake_ns = NEVER if answer["wake"] is None else answer["wake"]
         return Step([Frame(can_id, bytes.fromhex(data)) for can_id, data in answer["frames"]], (), wake_ns)
 
-    def told(self, kind: str) -> list[dict[str, Any]]:
+    def told(self, kind):
         """What it said of one kind, in order."""
         return [detail for name, detail in self.events if name == kind]
 
-    def close(self) -> None:
+    def close(self):
         """End its process."""
         self._process.stdin.close()
         self._process.stdout.close()
@@ -110,22 +107,22 @@ class JsPeer(Core):
 class Bench:
     """The peer and our cores on one wire."""
 
-    def __init__(self, peer: JsPeer) -> None:
+    def __init__(self, peer):
         self.peer = peer
         self.wire = VirtualBus()
         self.port = self.wire.attach(peer)
-        self.frames: list[Frame] = []
+        self.frames = []
         self.wire.tap(self.frames.append)
 
-    def attach(self, core: Any) -> Any:
+    def attach(self, core):
         """Put one of ours on the wire."""
         return self.wire.attach(core)
 
-    def pass_ms(self, ms: float) -> None:
+    def pass_ms(self, ms):
         """Let bus time pass."""
         self.wire.run(self.wire.now_ns + round(ms * 1e6))
 
-    def ask(self, name: str, *, within_ms: int = 10_000, **arguments: Any) -> Any:
+    def ask(self, name, *, within_ms=10_000, **arguments):
         """Have the peer do something and wait, on the clock of the wire, for its end or PeerError."""
         call = self.peer.call(name, **arguments)
         self.wire.wake(self.port)
@@ -139,7 +136,7 @@ class Bench:
         return call.value
 
 
-def resolved_eds(name: str, node_id: int, folder: Path) -> Path:
+def resolved_eds(name, node_id, folder):
     """A copy of one of our EDS files for readers that do not know ``$NODEID``."""
     text = find_eds(name).read_text()
     text = re.sub(r"\$NODEID\+(0x[0-9A-Fa-f]+)", lambda match: f"0x{int(match[1], 16) + node_id:08X}", text)
@@ -149,7 +146,7 @@ def resolved_eds(name: str, node_id: int, folder: Path) -> Path:
     return path
 
 
-def require_npm_canopen() -> None:
+def require_npm_canopen():
     """Install the peer if it is not there; without Node.js skip the test, but not in CI."""
     if shutil.which("node") is None or shutil.which("npm") is None:
         if os.environ.get("CI"):

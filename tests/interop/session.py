@@ -1,10 +1,5 @@
 """Our SDO client on a wire with a server, to be used as if it were a function call."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Sequence
-from typing import Any
-
 from skinbus.can.core import Core, Step
 from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
@@ -21,12 +16,12 @@ class Client(Core):
 
     cob_ids = frozenset()
 
-    def __init__(self, node_id: int) -> None:
+    def __init__(self, node_id):
         self.sdo = SdoClient(node_id)
         self.cob_ids = frozenset({self.sdo.answer_id})
-        self.waiting: list[Frame] = []
+        self.waiting = []
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+    def step(self, now_ns, frames):
         """Pass time and frames on."""
         waiting, self.waiting = self.waiting, []
         return Step([*waiting, *self.sdo.step(now_ns, frames)], (), self.sdo.wake_ns)
@@ -35,9 +30,9 @@ class Client(Core):
 class SdoSession:
     """A client of ``node_id`` on a wire of its own, or on a given one."""
 
-    def __init__(self, node_id: int, server: Core | None = None, wire: VirtualBus | None = None) -> None:
+    def __init__(self, node_id, server=None, wire=None):
         self.wire = wire or VirtualBus()
-        self.frames: list[Frame] = []
+        self.frames = []
         self.wire.tap(self.frames.append)
         if server is not None:
             self.wire.attach(server)
@@ -45,21 +40,21 @@ class SdoSession:
         self.port = self.wire.attach(self.client)
         self.wire.run(self.wire.now_ns + STEP_NS)
 
-    def read(self, index: int, sub: int) -> bytes:
+    def read(self, index, sub):
         """The bytes of an entry; SdoAborted if it is refused."""
         return self._run(self.client.sdo.start_read, index, sub)
 
-    def write(self, index: int, sub: int, data: bytes) -> None:
+    def write(self, index, sub, data):
         """Set an entry; SdoAborted if it is refused."""
         self._run(self.client.sdo.start_write, index, sub, data)
 
-    def send(self, *frames: Frame) -> None:
+    def send(self, *frames):
         """Send frames and give them a few milliseconds."""
         self.client.waiting += frames
         self.wire.wake(self.port)
         self.wire.run(self.wire.now_ns + 5 * STEP_NS)
 
-    def frames_of_two_syncs(self) -> list[Frame]:
+    def frames_of_two_syncs(self):
         """What is on the wire when all nodes are started and two SYNCs follow."""
         self.send(START_ALL)
         n_before = len(self.frames)
@@ -67,7 +62,7 @@ class SdoSession:
         self.send(SYNC)
         return self.frames[n_before:]
 
-    def _run(self, start: Callable[..., None], *arguments: Any) -> bytes:
+    def _run(self, start, *arguments):
         start(*arguments)
         self.wire.wake(self.port)
         for _ in range(PATIENCE_STEPS):

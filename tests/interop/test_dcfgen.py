@@ -3,7 +3,6 @@
 import struct
 import subprocess
 import sys
-from collections.abc import Iterator
 
 import pytest
 
@@ -43,7 +42,7 @@ plain:
 """
 
 
-def concise_entries(data: bytes) -> Iterator[tuple[int, int, bytes]]:
+def concise_entries(data):
     """Index, sub-index and value of a concise DCF. Source: CiA 302-3, object 0x1F22."""
     (n,) = struct.unpack_from("<I", data)
     position = 4

@@ -11,16 +11,15 @@ import numpy as np
 from skinbus.bus.socketcan import SocketCanBus
 from skinbus.can.frame import FrameBatch
 from skinbus.config.system import load_arm, ods_of
-from skinbus.model import Arm
 from skinbus.objects.readings import ReadingsPlan
 from tests.packing import pack
 
 CHANNEL = "vcan0"
 
 
-def cost() -> None:
+def cost():
     """Time per frame of our reader, decoding included, and of python-can, which does not decode."""
-    arm: Arm = load_arm("forearm")
+    arm = load_arm("forearm")
     plan = ReadingsPlan(arm, ods_of(arm))
     counts, seen = np.zeros(arm.n_tactels, np.int32), np.zeros(arm.n_patches, np.int32)
     bad = np.zeros(arm.n_patches, np.int32)
@@ -32,7 +31,7 @@ def cost() -> None:
     )
     for n in (1, 8, 64, 256):
         frames = (some * 3)[:n]
-        times: list[list[float]] = [[], []]
+        times = [[], []]
         with SocketCanBus(CHANNEL) as sender, SocketCanBus(CHANNEL) as ours:
             ours.listen(plan.cob_ids, plan.cob_ids)
             theirs = can.Bus(CHANNEL, interface="socketcan")

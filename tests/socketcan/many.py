@@ -1,7 +1,6 @@
 """An arm with as many patches as a bus can name, and presses on it."""
 
 import math
-from pathlib import Path
 
 ARM = """
 [arm]
@@ -20,7 +19,7 @@ TOUCH = (
 )
 
 
-def many_patches(folder: Path, rate_hz: float = 10.0) -> tuple[str, str]:
+def many_patches(folder, rate_hz=10.0):
     """126 patches on one tube, and a scene with four presses."""
     text = ARM.format(rate_hz=rate_hz, radius=14 * 51.5 / (2 * math.pi))
     text += "".join(RING.format(s=26 + 52 * ring, count=14, first=1 + 14 * ring) for ring in range(9))
@@ -35,7 +34,7 @@ BUS = '[[bus]]\nname = "{name}"\n'
 TUBE = '[[link]]\nname = "{name}"\nsurface = "cylinder"\nlength_mm = 470.0\nradius_mm = {radius:.3f}\n'
 
 
-def four_buses(folder: Path, rate_hz: float = 5.0) -> tuple[str, str, list[str]]:
+def four_buses(folder, rate_hz=5.0):
     """126 patches on each of four buses, a tube for each; a scene with a press on each; their names."""
     names = ["a", "b", "c", "d"]
     radius = 14 * 51.5 / (2 * math.pi)
