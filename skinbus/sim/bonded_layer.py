@@ -88,10 +88,8 @@ def transfer(
     # hyperbolic functions divided by exp(x) and exp(e)
     c, s = 0.5 * (1.0 + np.exp(-2.0 * x)), -0.5 * np.expm1(-2.0 * x)
     C, S = 0.5 * (1.0 + np.exp(-2.0 * e)), -0.5 * np.expm1(-2.0 * e)
-    if tangential:
-        above = (n * C - e * S) * (m * s + x * c) - (n * c - x * s) * (m * S + e * C)
-    else:
-        above = (n * C - e * S) * (n * c + x * s) - (m * s - x * c) * (m * S + e * C)
+    P, Q = (m * s + x * c, n * c - x * s) if tangential else (n * c + x * s, m * s - x * c)
+    above = (n * C - e * S) * P - Q * (m * S + e * C)
     below = (n * n + x * x) * np.exp(-2.0 * x) + kappa * s * s
     return np.asarray(np.exp(-xi * depth) * above / below)
 

@@ -26,20 +26,13 @@ class Cost:
     parts: dict[str, float]
 
 
-def measure(
-    scene: Scene,
-    stopwatch: Callable[[], int],
-    *,
-    n_cycles: int | None = None,
-    progress: Callable[[float], object] = lambda share: None,
-) -> Cost:
+def measure(scene: Scene, stopwatch: Callable[[], int], *, n_cycles: int | None = None) -> Cost:
     """Return what a scene costs per SYNC cycle.
 
     Args:
         scene: all of it is played.
         stopwatch: a clock in ns; ``time.thread_time_ns`` leaves out what other processes take.
         n_cycles: cycles from the start of the scene; the whole scene if not given.
-        progress: called with the share that is done, 0 to 1, now and then.
     """
     n_cycles = n_cycles or max(1, round(scene.duration_s * scene.arm.bus.rate_hz))
     scenes = {"boards and frames": _variant(scene, (), touches=False)}
@@ -51,7 +44,6 @@ def measure(
     players = [Player(World(variant, ods)) for variant in (scene, *scenes.values())]
     times = np.empty((len(players), n_cycles))
     for cycle in range(n_cycles):
-        progress(cycle / n_cycles)
         for player, row in zip(players, times, strict=True):
             begin = stopwatch()
             player.cycle()

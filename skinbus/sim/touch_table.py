@@ -111,7 +111,7 @@ def _beside(table: TouchTable, key: str, others: tuple[str, ...], what: str, fau
 def _path(table: TouchTable, key: str, surface: Surface, faults: list[Fault]) -> Floats | None:
     """Return the keys (n, 3) of t (s), s (m), a (m)."""
     closed = surface.period > 0.0
-    place_s, place_a = ("path", "path") if table.path is not None else ("s_mm", "a_mm")
+    place = next((name for name in ("xyz_mm", "path") if getattr(table, name) is not None), "s_mm")
     if table.xyz_mm is not None:
         _beside(table, key, ("s_mm", "angle_deg", "a_mm", "path"), "xyz_mm", faults)
         (s,), (a,), (height,) = surface.project(1e-3 * np.array([table.xyz_mm]))
@@ -140,17 +140,16 @@ def _path(table: TouchTable, key: str, surface: Surface, faults: list[Fault]) ->
         keys = np.array(table.path) * (1.0, 1e-3, scale)
         if (np.diff(keys[:, 0]) <= 0.0).any():
             faults.append(Fault(f"{key}.path", [k[0] for k in table.path], "times that grow"))
-    outside = (keys[:, 1] < 0.0) | (keys[:, 1] > surface.length)
-    if outside.any():
-        wanted = f"0 to {1e3 * surface.length:g} mm, the length of link {table.link}"
-        faults.append(Fault(f"{key}.{place_s}", 1e3 * float(keys[outside, 1][0]), wanted))
-    if not closed and (wide := np.abs(keys[:, 2]) > 0.5 * surface.width).any():
-        wanted = f"within +-{500 * surface.width:g} mm, the width of link {table.link}"
-        faults.append(Fault(f"{key}.{place_a}", 1e3 * float(keys[wide, 2][0]), wanted))
-    if isinstance(surface, MeshSurface) and not (on := surface.contains(keys[:, 1], keys[:, 2])).all():
-        s, a = 1e3 * keys[~on][0, 1:]
-        wanted = f"on the mesh of link {table.link}, near its boards"
-        faults.append(Fault(f"{key}.{place_s}", f"{s:.1f}, {a:.1f} mm", wanted))
+    s, a = keys[:, 1:].T
+    is_on = (s >= 0.0) & (s <= surface.length) & (closed | (np.abs(a) <= 0.5 * surface.width))
+    if isinstance(surface, MeshSurface):
+        is_on &= surface.contains(s, a)
+    if not is_on.all():
+        seen = "s {:.1f}, a {:.1f} mm".format(*1e3 * keys[~is_on][0, 1:])
+        wanted = f"on link {table.link}: s 0 to {1e3 * surface.length:g} mm"
+        wanted += "" if closed else f", a within +-{500 * surface.width:g} mm"
+        wanted += ", near its boards" if isinstance(surface, MeshSurface) else ""
+        faults.append(Fault(f"{key}.{place}", seen, wanted))
     return keys
 
 

@@ -128,7 +128,7 @@ def test_every_fault_of_a_bad_scene_is_reported_at_once(tmp_path):
         "layer.poisson: is 0.5; wanted less than 0.5",
         "layer.thickness_mm: is '6'; wanted a number",
         "touch 1.link: is 'elbow'; wanted a link of arm forearm: forearm",
-        "touch 2.s_mm: is 400.0; wanted 0 to 154 mm",
+        "touch 2.s_mm: is 's 400.0, a 0.0 mm'; wanted on link forearm: s 0 to 154 mm",
         "touch 2.end_s: is 2.0; wanted later than the start, 3 s",
         "touch 3.angle_deg: wanted a value, or a path",
         "touch 3.force_n: is [0.0, 2.0, 1.0]; wanted times from 0 on that grow",

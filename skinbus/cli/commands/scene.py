@@ -7,7 +7,6 @@ from dataclasses import Field, fields
 from typing import Any
 
 import click
-from rich.progress import Progress
 
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
@@ -95,14 +94,8 @@ def cost(scene: str, cycles: int | None) -> None:
     """
     played = load_scene(scene)
     console = Console()
-    with Progress(console=console, transient=True) as bar:
-        task = bar.add_task("playing", total=1.0)
-        result = measure(
-            played,
-            time.thread_time_ns,
-            n_cycles=cycles,
-            progress=lambda share: bar.update(task, completed=share),
-        )
+    with console.status("playing ..."):
+        result = measure(played, time.thread_time_ns, n_cycles=cycles)
     parts = {**result.parts, "whole": result.whole_us}
     rows = [(name, f"{us:.1f}", f"{100 * us / result.whole_us:.1f}") for name, us in parts.items()]
     console.table(("part", "us", "%"), rows, f"{played.name}: cost of a cycle")
