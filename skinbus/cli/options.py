@@ -34,14 +34,10 @@ def file_option(*names: str, **settings: Any) -> Callable[..., Any]:
     return click.option(*names, type=click.Path(dir_okay=False, path_type=Path), **settings)
 
 
-def _bus_option(name: str, *others: str, help: str, **settings: Any) -> Any:
-    return click.option(name, *others, default=None, help=help, **settings)
-
-
-_INTERFACE = _bus_option(
+_INTERFACE = click.option(
     "--interface", help="python-can interface: socketcan (default), virtual, udp_multicast, slcan, pcan, ..."
 )
-_CHANNEL = _bus_option(
+_CHANNEL = click.option(
     "-c",
     "--channel",
     help="Channel of the interface; by default can0 on socketcan, 239.74.163.2 on udp_multicast.",
@@ -54,12 +50,12 @@ _CHANNELS = click.option(
     help="Channel of the interface: one for each bus in the order of the arm file, or NAME=CHANNEL. By "
     "default what the arm file says; a single bus is else on can0, or 239.74.163.2 with udp_multicast.",
 )
-_BITRATE = _bus_option(
+_BITRATE = click.option(
     "--bitrate",
     type=click.IntRange(10_000, 1_000_000),
     help="Bit/s, where the interface lets it be set (default: what the arm file says, or 1000000).",
 )
-_NAME = _bus_option("--bus", "name", help="Name of the bus, when the arm has several.")
+_NAME = click.option("--bus", "name", help="Name of the bus, when the arm has several.")
 
 
 class BusWords(NamedTuple):

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from struct import Struct
 from typing import Final, NamedTuple
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.master.level_control import CycleFlags, split_flags
-from skinbus.model import Arm
 from skinbus.objects import cia, profile
 from skinbus.objects.contacts import FORCE_STEP, LENGTH_STEP, ContactState
 from skinbus.objects.published import usual
@@ -57,15 +56,6 @@ class Heard(NamedTuple):
     summary: Summary
     rows: list[ContactRow]
     """By slot; those that have gone are there once, with state LIFT."""
-
-
-def why_not_of(arm: Arm, summary: Summary | None, rows: Iterable[ContactRow]) -> str | None:
-    """Return why what a master says cannot be of an arm; None where it may be."""
-    if summary is not None and summary.alive > arm.n_patches:
-        return f"{summary.alive} patches are at work, {arm.name} has {arm.n_patches}"
-    if link := next((row.link for row in rows if row.link >= len(arm.links)), 0):
-        return f"a contact is on link {link}, {arm.name} has {len(arm.links)}"
-    return None
 
 
 class Listener:

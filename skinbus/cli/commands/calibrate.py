@@ -3,27 +3,42 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import click
 import numpy as np
+import numpy.typing as npt
 
 from skinbus.cli import output
-from skinbus.cli.calibration_report import BOARDS, board_rows, report, verdict
 from skinbus.cli.console import Console
+from skinbus.cli.formatting import counted, span
 from skinbus.cli.options import file_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.system import load_arm
-from skinbus.estimate.calibration import Calibration, Judgement, judge
+from skinbus.estimate.calibration import Calibration, GateFinding, Judgement, judge
+from skinbus.estimate.calibration.gate import MAX_ERROR_M, SAME
 from skinbus.estimate.calibration.table import kind_of, tables_of
 from skinbus.model import Arm, PlacedPatch
 from skinbus.objects.board import calibration_values, describe_patch
 from skinbus.objects.dcf import write_dcf
 from skinbus.objects.eds import load_eds
+
+Ints = npt.NDArray[np.intp]
+
+WORTH: Final = 1.2
+"""Ratio of the errors of places from which a law without newtons is worth more than one with them."""
+MANY: Final = 10
+"""Lines of a file, or runs of them, that are listed."""
+BETTER: Final = (
+    "for a better one press more (a hundred times a board is plenty), at uneven places, with a round tip and "
+    "known forces (`force_n`)"
+)
+BOARDS: Final = ("node", "presses", "left out", "error mm")
 
 
 @click.command()
@@ -97,6 +112,73 @@ def command(
         file = out if len(boards) == 1 else file_of(out, whole, placed)
         write(placed, own, file)
         echo(f"{file}: eds of node {whole.node_label(whole.patch_at(placed.node_id, placed.bus))}")
+
+
+def report(judged: Judgement) -> str:
+    """Return what was learned."""
+    learned, presses = judged.calibration, counted(len(judged.table), "press")
+    if learned is None:
+        return f"{presses}, nothing learned"
+    law, converged = learned.law, "converged" if learned.converged else "NOT converged"
+    unit = "these presses" if judged.table.force is None else "1 N"
+    return (
+        f"{presses}, {learned.n_readings} readings used, {converged}\n"
+        f"law: {law.table[0] / 1e3:.4g} kPa at the peak of {unit}, reach "
+        f"{1e3 * law.step * (len(law.table) - 1):.1f} mm, pressure as force^{law.exponent:.3f}\n"
+        f"misfit of the law {100 * law.misfit:.1f} %, residual {learned.residual:.2f} (1: noise)"
+    )
+
+
+def verdict(judged: Judgement, lines: Ints) -> str:
+    """Return the error to expect, what was found, whether it is good; ``lines`` are those of the file."""
+    said = [f"note: {_sentence(finding, lines)}" for finding in judged.notes]
+    place, is_known = judged.place_error, judged.table.force is not None
+    before = np.nan if judged.shipped is None else judged.shipped.place(judged.kept)
+    if np.isfinite(place):
+        force = f" and {100 * judged.force_error:.1f} % of the force" if is_known else ""
+        said.append(
+            f"error to expect (68 % of presses not used): {1e3 * place:.2f} mm{force}; "
+            f"with the law that boards have {1e3 * before:.2f} mm"
+        )
+    if judged.faults:
+        said += ["refused:", *(f"  {_sentence(finding, lines)}" for finding in judged.faults)]
+        if judged.is_shifted:
+            said.append(
+                "  if the places of the presses are true, `skinbus calibrate locate` finds the boards"
+            )
+    elif before * (SAME if is_known else 1.0 / WORTH) < place:
+        said.append(
+            f"keep the law that the boards have: at these presses it errs by {1e3 * before:.2f} mm, this one "
+            f"by {1e3 * place:.2f} mm{'' if is_known else ' and not in newtons'}; {BETTER}"
+        )
+    else:
+        grade = "good" if judged.is_good else "fair" if place <= MAX_ERROR_M else "poor"
+        said.append(
+            f"this is {grade}: write it into the boards, as `eds` in the arm file and by `skinbus configure`"
+        )
+        if not is_known:
+            said.append("forces will not be in newtons: 1 is the force of these presses, which is not known")
+        if not (is_known and judged.is_good):
+            said.append(BETTER)
+    return "\n".join(said)
+
+
+def _sentence(finding: GateFinding, lines: Ints) -> str:
+    """Return a finding with the lines of the file that it is about."""
+    if not finding.rows:
+        return finding.what
+    runs = span(lines[list(finding.rows)].tolist()).split(", ")
+    more = " and others" if len(runs) > MANY else ""
+    return f"{finding.what}: line{'s' if len(finding.rows) > 1 else ''} {', '.join(runs[:MANY])}{more}"
+
+
+def board_rows(judged: Judgement) -> Iterator[Sequence[object]]:
+    """Return a row of BOARDS for each board of a kind."""
+    for p in range(judged.table.arm.n_patches):
+        mine = judged.table.patch == p
+        error = np.nan if judged.errors is None else 1e3 * judged.errors.place(judged.kept & mine)
+        n_out = (mine & ~judged.kept).sum()
+        yield judged.table.arm.node_label(p), mine.sum(), n_out, f"{error:.2f}"
 
 
 def boards_of(

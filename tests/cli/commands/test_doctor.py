@@ -1,6 +1,5 @@
-"""Deployment: a valid and tight unit, systemd is notified, garbage waits for a pause, the doctor advises."""
+"""Deployment: a valid and tight unit, systemd is notified, the doctor advises."""
 
-import gc
 import os
 import re
 import shutil
@@ -8,16 +7,12 @@ import socket
 import stat
 import subprocess
 import sys
-from itertools import count
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
 
-from skinbus.bus.realtime import N_TOO_MANY, N_WORTH_IT, GcScheduler
-from skinbus.cli import diagnostics as checks
-from skinbus.cli.commands.doctor import command, unit_text
+from skinbus.cli.commands.doctor import check_controller, command, unit_text
 from skinbus.cli.notify import Notifier
 from skinbus.config.arm_file import find_arm
 from skinbus.config.arm_tables import ArmTable
@@ -29,8 +24,6 @@ from skinbus.skin.shared_memory import SharedWriter, path_of
 
 MAX_EXPOSURE = 25
 """Of systemd-analyze security, in tenths."""
-
-MS = 1_000_000
 
 
 def analyze(tmp_path, unit, *words):
@@ -78,41 +71,6 @@ def test_a_manager_that_is_none_or_gone_does_no_harm(path, monkeypatch):
     notifier.alive("")
     notifier.stopping()
     notifier.close()
-
-
-@pytest.fixture
-def collected(monkeypatch):
-    """Generations as they are collected; by the clock of the loop that takes 0.1 ms."""
-    reads, collected, collect = count(0, MS // 10), [], gc.collect
-    monkeypatch.setattr("skinbus.bus.realtime.time", SimpleNamespace(perf_counter_ns=lambda: next(reads)))
-    monkeypatch.setattr(
-        gc, "collect", lambda generation=2: (collected.append(generation), collect(generation))
-    )
-    return collected
-
-
-def test_garbage_is_collected_in_pauses_only(collected):
-    with GcScheduler() as tidy:
-        assert not gc.isenabled()
-        garbage = [[] for _ in range(5 * N_WORTH_IT)]
-        tidy.pause(0)
-        assert collected == [2]  # at the beginning
-        tidy.pause(1000 * MS)
-        assert collected == [2, 0]
-        for _ in range(30):
-            garbage += [[] for _ in range(2 * N_WORTH_IT)]
-            tidy.pause(1000 * MS)
-        assert 1 in collected
-    assert gc.isenabled()
-    assert gc.get_freeze_count() == 0
-
-
-def test_too_much_garbage_is_collected_even_without_a_pause(collected):
-    with GcScheduler() as tidy:
-        garbage = [[] for _ in range(N_TOO_MANY + 1)]
-        tidy.pause(0)
-        assert collected == [2, 0]
-    assert garbage
 
 
 def test_doctor_says_what_to_do_and_returns_one():
@@ -164,7 +122,7 @@ GOOD = {"bittiming": {"bitrate": 1_000_000}, "state": "ERROR-ACTIVE", "restart_m
 )
 def test_controller_findings_have_advice_where_something_is_wrong(data, fd, advised):
     place = BusAddress("socketcan", "can0", 1_000_000, fd)
-    found = [finding for finding in checks.check_controller(place, GOOD | data) if finding.advice]
+    found = [finding for finding in check_controller(place, GOOD | data) if finding.advice]
     assert [finding.check for finding in found] == advised
     assert all(not fd or "dbitrate 5000000 fd on" in finding.advice for finding in found)
 

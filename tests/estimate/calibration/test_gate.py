@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skinbus.cli.calibration_report import verdict
+from skinbus.cli.commands.calibrate import verdict
 from skinbus.estimate import Estimator
 from skinbus.estimate.calibration import Judgement, judge, learn_radial_law
 from skinbus.estimate.calibration.gate import SAME, spread_faults
