@@ -39,10 +39,9 @@ class JointMotion:
         fixed = {joint.name: joint.fixed or 0.0 for joint in arm.robot.joints}
         self._paths = [paths.get(name, np.array([[0.0, fixed.get(name, 0.0)]])) for name in chain.names]
 
-    def positions(self, t_s: npt.ArrayLike) -> Floats:
-        """Return the positions at scene times (...,), (..., n_joints) rad or m."""
-        paths = [np.interp(np.asarray(t_s), path[:, 0], path[:, 1]) for path in self._paths]
-        return np.stack(paths, -1) if paths else np.zeros((*np.shape(t_s), 0))
+    def positions(self, t_s: float) -> Floats:
+        """Return the positions at a scene time, (n_joints,) rad or m."""
+        return np.array([np.interp(t_s, *path.T) for path in self._paths], np.float64)
 
 
 def motion_of(
@@ -62,22 +61,24 @@ def motion_of(
     fixed = {joint.name for joint in arm.robot.joints if joint.fixed is not None}
     paths: dict[str, Floats] = {}
     for key, table in tables:
+        wanted = None
         if table.name not in chain.names:
-            faults.append(Fault(f"{key}.name", table.name, f"a joint of the robot: {', '.join(chain.names)}"))
+            wanted = f"a joint of the robot: {', '.join(chain.names)}"
+        elif table.name in fixed:
+            wanted = "a joint that the arm file does not fix"
+        elif table.name in paths:
+            wanted = "a joint without a path"
+        if wanted is not None:
+            faults.append(Fault(f"{key}.name", table.name, wanted))
             continue
-        if table.name in paths:
-            faults.append(Fault(f"{key}.name", table.name, "a joint without a path"))
-        if table.name in fixed:
-            faults.append(Fault(f"{key}.name", table.name, "a joint that the arm file does not fix"))
-        path = np.array(table.path)
+        path, j = np.array(table.path), chain.names.index(table.name)
         if (np.diff(path[:, 0]) <= 0.0).any():
             faults.append(Fault(f"{key}.path", [k[0] for k in table.path], "times that grow"))
-        j = chain.names.index(table.name)
         scale = 1e-3 if chain.linear[j] else np.pi / 180.0
-        beyond = (scale * path[:, 1] < chain.lower[j] - 1e-9) | (scale * path[:, 1] > chain.upper[j] + 1e-9)
-        if chain.kinds[j] != "continuous" and beyond.any():
+        paths[table.name] = path * (1.0, scale)
+        only = np.where(np.arange(chain.n_joints) == j, paths[table.name][:, 1:], np.nan)
+        if (beyond := chain.are_beyond(only)[:, j]).any():
             low, high = chain.lower[j] / scale, chain.upper[j] / scale
             wanted = f"within the URDF's limits, {low:g} to {high:g}"
             faults.append(Fault(f"{key}.path", float(path[beyond, 1][0]), wanted))
-        paths[table.name] = path * (1.0, scale)
     return JointMotion(arm, chain, paths)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import skinbus
+from skinbus.robot import RobotFrames
 from skinbus.sim import load_scene
 
 pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
@@ -42,15 +43,15 @@ def cycles(tmp_path_factory):
 def test_a_finger_is_where_it_is_in_the_world_and_a_palm_over_a_seam_is_one_contact(cycles):
     scene, steady = cycles
     names = [link.name for link in scene.arm.links]
-    off, force = [], []
+    frames, off, force = RobotFrames(scene.arm), [], []
     for t_s, cycle in steady:
         assert cycle.robot_valid
         found = sorted(contact.link for contact in cycle.contacts)
         assert found == ["forearm, near, upper", "upper arm, near, upper"]
         (finger,) = (contact for contact in cycle.contacts if contact.link.startswith("forearm"))
         (truth,) = (touch for touch in cycle.truth if touch.link == finger.link)
-        R, p = scene.motion.surface_pose(names.index(finger.link), t_s)
-        off.append(np.linalg.norm(finger.point("base") - (R @ truth.point + p)))
+        X = frames.surface_poses(scene.motion.positions(t_s))[names.index(finger.link)]
+        off.append(np.linalg.norm(finger.point("base") - (X[:3, :3] @ truth.point + X[:3, 3])))
         force.append(finger.force / truth.force)
     moved = scene.motion.positions(steady[-1][0]) - scene.motion.positions(steady[0][0])
     assert np.abs(moved).max() > 1.2  # rad: at 1 rad/s
