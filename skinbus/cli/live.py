@@ -39,7 +39,9 @@ class Screen:
             overflow="ellipsis",
         )
         parts = [head]
-        unrolled = self._drawn.setdefault(width, Unrolled(self._arm, width))
+        if width not in self._drawn:
+            self._drawn[width] = Unrolled(self._arm, width)
+        unrolled = self._drawn[width]
         columns, lines = unrolled.size
         if columns <= width and lines + BELOW <= height:
             picture = unrolled.render(
