@@ -18,25 +18,29 @@ def forearm():
     return cases.arm()
 
 
-@pytest.mark.parametrize("level", ["fit", "full"])
-def test_one_contact_reaches_the_bound(level, pad):
-    tally = run(Estimator(pad, level), cases.one_inside, cases.CONE, 400, np.random.default_rng(1))
-    place, force = tally.ratios(np.random.default_rng(9))
-    print("seed 1", tally.counts, place, force)
-    assert tally.right(1) >= 0.99
-    assert place <= 1.1 * SLACK
-    assert force <= 1.1 * SLACK
+SLOW = pytest.mark.slow
 
 
-@pytest.mark.parametrize("level", ["fit", "full"])
-def test_one_contact_on_a_seam_or_corner_is_one_and_reaches_the_bound(level, forearm):
-    draw = cases.on_seam(forearm)
-    tally = run(Estimator(forearm, level), draw, cases.CONE, 400, np.random.default_rng(2))
+@pytest.mark.parametrize(
+    ("on", "level", "draw_of", "n", "right", "ratio"),
+    [
+        ("pad", "fit", lambda arm: cases.one_inside, 1, 0.99, 1.1),
+        ("pad", "full", lambda arm: cases.one_inside, 1, 0.99, 1.1),
+        ("forearm", "fit", cases.on_seam, 1, 0.99, 1.2),
+        ("forearm", "full", cases.on_seam, 1, 0.99, 1.2),
+        pytest.param("pad", "full", lambda arm: cases.pair_inside, 2, 0.98, 1.2, marks=SLOW),
+        pytest.param("forearm", "full", cases.pair_on_seam, 2, 0.95, 1.3, marks=SLOW),
+        pytest.param("pad", "full", lambda arm: cases.three_inside, 3, 0.95, np.inf, marks=SLOW),
+    ],
+    ids=["one-fit", "one-full", "seam-fit", "seam-full", "two-full", "two on seam-full", "three-full"],
+)
+def test_contacts_are_counted_and_reach_the_bound(on, level, draw_of, n, right, ratio, request):
+    arm = request.getfixturevalue(on)
+    tally = run(Estimator(arm, level), draw_of(arm), cases.CONE, 400, np.random.default_rng(n))
     place, force = tally.ratios(np.random.default_rng(9))
-    print("seed 2", tally.counts, tally.n_excluded, place, force)
-    assert tally.right(1) >= 0.99
-    assert place <= 1.2 * SLACK
-    assert force <= 1.2 * SLACK
+    print(f"seed {n}", tally.counts, tally.n_excluded, place, force)
+    assert tally.right(n) >= right
+    assert max(place, force) <= ratio * SLACK
 
 
 @pytest.mark.parametrize("level", ["fit", "full"])
@@ -58,31 +62,3 @@ def test_noise_makes_no_contact(level, told, forearm):
         if baseline is not None:
             baseline.apply(pressures, 20_000_000 * (n + 1))
         assert len(estimator.update(pressures, 20_000_000 * (n + 1), baseline=baseline)) == 0
-
-
-@pytest.mark.slow
-def test_two_contacts_are_counted_and_reach_the_bound(pad):
-    tally = run(Estimator(pad, "full"), cases.pair_inside, cases.CONE, 400, np.random.default_rng(3))
-    place, force = tally.ratios(np.random.default_rng(9))
-    print("seed 3", tally.counts, place, force)
-    assert tally.right(2) >= 0.98
-    assert place <= 1.2 * SLACK
-    assert force <= 1.2 * SLACK
-
-
-@pytest.mark.slow
-def test_two_contacts_across_seams_are_counted_and_reach_the_bound(forearm):
-    draw = cases.pair_on_seam(forearm)
-    tally = run(Estimator(forearm, "full"), draw, cases.CONE, 400, np.random.default_rng(4))
-    place, force = tally.ratios(np.random.default_rng(9))
-    print("seed 4", tally.counts, tally.n_excluded, place, force)
-    assert tally.right(2) >= 0.95
-    assert place <= 1.3 * SLACK
-    assert force <= 1.3 * SLACK
-
-
-@pytest.mark.slow
-def test_three_contacts_are_counted(pad):
-    tally = run(Estimator(pad, "full"), cases.three_inside, cases.CONE, 300, np.random.default_rng(5))
-    print("seed 5", tally.counts)
-    assert tally.right(3) >= 0.95

@@ -16,9 +16,7 @@ def test_what_is_no_arm_is_refused(name):
 
 
 @pytest.mark.parametrize("s", [0.01, 0.295, 0.7])
-@pytest.mark.parametrize(
-    "surface", [Surface.cylinder(0.3, 0.05), Surface.cone(0.3, 0.09, 0.05)], ids=lambda s: s.kind
-)
+@pytest.mark.parametrize("surface", [Surface.cylinder(0.3, 0.05), Surface.cone(0.3, 0.09, 0.05)])
 def test_board_beyond_the_end_of_a_link_or_the_apex_of_its_cone_is_refused(surface, s):
     placed = PlacedPatch(patch=Patch.default(), node_id=1, link=0, s=s, a=0.0)
     with pytest.raises(ValueError, match="tube has tactels at s = "):
@@ -31,13 +29,6 @@ def test_what_is_no_integer_is_refused_by_name(name, value):
         skinbus.Estimator(skinbus.load_arm("pad"), **{name: value})
 
 
-def test_pressures_are_real_and_times_are_integers():
-    estimator = skinbus.Estimator(skinbus.load_arm("pad"))
+def test_pressures_are_real():
     with pytest.raises(TypeError, match="pressures must be real"):
-        estimator.update(np.zeros(16, complex), 0)
-    with pytest.raises(TypeError, match="t_ns must be an integer"):
-        estimator.update(np.zeros(16), 0.5)
-
-
-def test_an_arm_says_what_it_is():
-    assert repr(skinbus.load_arm("forearm")) == "<Arm forearm: n_patches=24, n_tactels=384>"
+        skinbus.Estimator(skinbus.load_arm("pad")).update(np.zeros(16, complex), 0)
