@@ -26,7 +26,7 @@ EFFECTS = {
     "impact": (f"{DISC}impact_n = 20.0\nimpact_ms = 10.0", ""),
     "burst": (DISC, "[effect.burst]\nper_minute = 120.0"),
     "zeros move": (DISC, "[effect.thermal]\nend_c = 4.0\ntau_s = 60.0"),
-    "zeros move in a touch": (DISC, "[effect.thermal]\nend_c = 3.0\ntau_s = 70.0\nboard_sigma_c = 0.0"),
+    "zeros move in a touch": (DISC, "[effect.thermal]\nend_c = 3.0\ntau_s = 25.0\nboard_sigma_c = 0.0"),
 }
 """A touch, and what the scene has beside noise."""
 # Zeros are what "zeros move in a touch" is about, and they are held by the same code at every level.
@@ -38,7 +38,7 @@ def scene_of(name):
     """A scene file with touches at random places under an effect."""
     shape, effects = EFFECTS[name]
     rng, text = np.random.default_rng(SEED), ""
-    n, on_s, off_s = (1, 70.0, 1.0) if name == "zeros move in a touch" else (N_TOUCHES, 0.5, 0.4)
+    n, on_s, off_s = (1, 25.0, 1.0) if name == "zeros move in a touch" else (N_TOUCHES, 0.5, 0.4)
     for k in range(n):
         s, a = rng.uniform(MARGIN_MM, 50.0 - MARGIN_MM), rng.uniform(MARGIN_MM - 25.0, 25.0 - MARGIN_MM)
         begin = 1.0 + k * (on_s + off_s)
