@@ -90,18 +90,22 @@ def test_clock_is_looked_at_until_time_is_out_and_then_never_again(arm, pressure
 
 
 @pytest.mark.parametrize("level", ["fit", "full"])
-def test_work_never_exceeds_its_budget_by_more_than_one_step(arm, pressures, level):
+def test_no_budget_is_exceeded_by_more_than_a_step_loses_a_touch_or_is_used_up_in_silence(
+    arm, pressures, level
+):
     free = Estimator(arm, level)
-    answer = free.update(pressures, 0)
-    n_hurried = 0
-    for budget in range(0, free.n_evaluated + 500, 100):
+    answer, n_hurried = free.update(pressures, 0), 0
+    seen = distances(arm, Estimator(arm, "kmeans").update(pressures, 0)).min(axis=1) < 0.015
+    assert seen.sum() >= 5  # two are so close together that K-means may see one
+    for budget in range(0, max(free.n_evaluated + 500, 6000), 100):
         hurried = Estimator(arm, level, budget_work=budget)
         contacts = hurried.update(pressures, 0)
         assert hurried.n_evaluated <= budget + STEP
+        assert (distances(arm, contacts).min(axis=1)[seen] < 0.015).all()
         over = (contacts.quality & Quality.OVER_BUDGET) > 0
+        assert over[contacts.level != level].all()
         n_hurried += over.any()
-        if not over.any():
-            assert same(contacts, answer)
+        assert over.any() or same(contacts, answer)
     assert n_hurried > 10
 
 
@@ -115,18 +119,6 @@ def test_whatever_is_read_little_is_left_to_do_when_the_budget_is_used_up(arm, l
         most = max(most, (estimator.n_evaluated - BUDGET) / largest)
     print(f"seed 33: {most:.1f} steps beyond the budget")
     assert 0.0 < most < 4.0
-
-
-@pytest.mark.parametrize("level", ["fit", "full"])
-def test_no_touch_is_lost_to_a_budget_and_what_is_cut_short_says_so(arm, pressures, level):
-    patience = Estimator(arm, "kmeans").update(pressures, 0)
-    seen = distances(arm, patience).min(axis=1) < 0.015
-    assert seen.sum() >= 5  # two are so close together that K-means may see one
-    for budget in range(0, 6000, 100):
-        contacts = Estimator(arm, level, budget_work=budget).update(pressures, 0)
-        assert (distances(arm, contacts).min(axis=1)[seen] < 0.015).all()
-        cheap = contacts.level != level
-        assert ((contacts.quality[cheap] & Quality.OVER_BUDGET) > 0).all()
 
 
 def test_more_budget_is_more_of_the_full_answer(arm, pressures):
@@ -151,6 +143,7 @@ def test_next_cycle_has_a_budget_of_its_own(arm, pressures):
     hurried = estimator.update(pressures, 0, budget_us=0)
     assert (hurried.level == "kmeans").all()
     assert same(estimator.update(pressures, 0), answer)
+    assert same(estimator.update(pressures, 0, budget_us=1e9), answer)  # time that nobody could need
 
 
 def test_budget_in_time_is_never_measured_by_a_clock_that_was_not_asked_for(arm, pressures):
@@ -159,11 +152,6 @@ def test_budget_in_time_is_never_measured_by_a_clock_that_was_not_asked_for(arm,
     with pytest.raises(ValueError, match="needs a clock"):
         Estimator(arm, "fit", clock=None).update(pressures, 0, budget_us=100)
     assert (Estimator(arm, "fit", budget_us=0).update(pressures, 0).level == "kmeans").all()
-
-
-def test_time_that_nobody_could_need_changes_no_bit(arm, pressures):
-    estimator = Estimator(arm, "full")
-    assert same(estimator.update(pressures, 0), estimator.update(pressures, 0, budget_us=1e9))
 
 
 def test_noise_makes_no_contact_however_small_the_budget(arm):

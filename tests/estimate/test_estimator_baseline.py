@@ -50,6 +50,7 @@ def test_contact_near_the_threshold_does_not_flicker():
     assert min(below) < skin.baseline.threshold[tactel]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", LEVELS)
 def test_skin_that_has_become_noisier_makes_no_contact(level):
     skin = Skin(level)
@@ -71,6 +72,7 @@ def test_full_scale_is_still_full_scale_with_a_zero_taken_off():
     assert contacts.force[0] == pytest.approx(60.0, rel=0.1)
 
 
+@pytest.mark.slow
 def test_without_a_baseline_the_declared_values_hold_again():
     skin = Skin("fit")
     touch = skin.press(5.0)

@@ -43,14 +43,14 @@ def test_contacts_are_counted_and_reach_the_bound(on, level, draw_of, n, right, 
     assert max(place, force) <= ratio * SLACK
 
 
-@pytest.mark.parametrize("level", ["fit", "full"])
+@pytest.mark.parametrize("level", ["fit", pytest.param("full", marks=SLOW)])
 def test_reported_covariance_is_neither_proud_nor_shy(level, pad):
     tally = run(Estimator(pad, level), cases.one_inside, cases.CONE, 2500, np.random.default_rng(6))
     print("seed 6", np.mean(tally.nees))
     assert np.mean(tally.nees) == pytest.approx(3.0, rel=0.1)
 
 
-@pytest.mark.parametrize("told", [False, True], ids=["alone", "told by a baseline"])
+@pytest.mark.parametrize("told", [False, pytest.param(True, marks=SLOW)], ids=["alone", "told by a baseline"])
 @pytest.mark.parametrize("level", ["kmeans", "fit", "full"])
 def test_noise_makes_no_contact(level, told, forearm):
     estimator = Estimator(forearm, level)
