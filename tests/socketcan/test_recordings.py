@@ -2,7 +2,6 @@
 
 import signal
 import subprocess
-import time
 from pathlib import Path
 
 from skinbus.bus.socketcan import SocketCanBus
@@ -11,6 +10,7 @@ from skinbus.can.frame import BRS, FD, Frame
 from tests.cli.patience import PATIENCE_S
 from tests.socketcan.can_rig import set_up
 from tests.socketcan.frames import EVERY_KIND
+from tests.socketcan.processes import wait_for
 
 LONG = Frame(0x185, bytes(range(32)), flags=FD | BRS)
 
@@ -27,13 +27,6 @@ def end(process, number=signal.SIGTERM):
     out, _ = process.communicate(timeout=PATIENCE_S)
     assert "Traceback" not in out
     return out
-
-
-def wait_for(happened):
-    give_up_s = time.monotonic() + PATIENCE_S
-    while not happened():
-        assert time.monotonic() < give_up_s
-        time.sleep(0.01)
 
 
 def frames_in(path):
