@@ -68,8 +68,6 @@ class Freshness:
         """(n_patches,) patches of which frames came in the cycle before that answer no SYNC, as of a second
         board."""
         self._was_doubled = np.zeros(n, np.bool_)  # and has not shown since that it is not
-        self.has_syncs = True
-        """Whether the SYNCs are those that patches answer; else nothing is known but what came, and when."""
         self.started_ns = np.zeros(n, np.int64)
         """(n_patches,) when patches last began to run."""
         self._forgotten = np.zeros(n, np.bool_)
@@ -113,7 +111,7 @@ class Freshness:
         answers.came[:] = 0
         answers.n_frames[:] = 0
         answers.n_excess[:] = 0
-        answers.counter[0] = counter if self.has_syncs and self._has_stamps else 0
+        answers.counter[0] = counter if self._has_stamps else 0
         self._opened_ns = now_ns
         return wants_gap
 
@@ -166,8 +164,7 @@ class Freshness:
     def _settle(self, now_ns: int, answering: Mask, started: Mask) -> bool:
         """Close the account of the cycle before; return whether any patch needs attention."""
         answers, plan = self.answers, self._plan
-        self._unproven &= self.has_syncs  # else nothing is counted
-        anew = (started | ~answering) & ~self._unproven | (not self.has_syncs)
+        anew = (started | ~answering) & ~self._unproven
         clean = answers.n_frames == self._n_pdos
         if self._follows:
             patience_ns = SPACING_NS + UNAIDED * self._period_ns

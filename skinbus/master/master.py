@@ -202,7 +202,9 @@ class Master(Core):
             self._begin_anew()
         frames_of = self._by_bus(frames)
         is_over = self.gather.is_open and (
-            self._is_complete() or now_ns >= self._deadline or (self._follows and _has_sync(frames_of[0]))
+            self.gather.is_complete()
+            or now_ns >= self._deadline
+            or (self._follows and _has_sync(frames_of[0]))
         )
         awake = [b for b in self.branches if is_over or frames_of[b.number] or not b.rests(now_ns)]
         for branch in awake:
@@ -293,12 +295,6 @@ class Master(Core):
         """Return the patches that this cycle waits for; silent ones only when they have answered in full."""
         operational = self.table.state == PatchState.OPERATIONAL
         return np.asarray(answering & self.table.is_running & (operational | self.gather.has_answered))
-
-    def _is_complete(self) -> bool:
-        begin = self._stopwatch()
-        complete = self.gather.is_complete()
-        self._compute_ns += self._stopwatch() - begin
-        return complete
 
     def _close(self, now_ns: int) -> None:
         """Close the cycle: estimate from what is fresh, publish, report."""

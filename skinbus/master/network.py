@@ -8,7 +8,6 @@ the supervisor does.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple
 from typing import Any
 
 import numpy as np
@@ -103,7 +102,7 @@ class Network:
                 cia.NMT_ASSIGNMENT: IS_SLAVE | BOOTED_BY_MASTER,
                 cia.EXPECTED_DATE: asked.date,
                 cia.EXPECTED_TIME: asked.time,
-                **dict(zip(EXPECTED, astuple(plan.identity), strict=True)),
+                **dict(zip(EXPECTED, plan.identity, strict=True)),
             }
             if asked.writes:
                 values[cia.CONCISE_DCF] = to_concise(asked.writes)

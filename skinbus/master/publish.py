@@ -258,12 +258,17 @@ def _write_loads(node: _Node, loads: Loads) -> None:
         view[node.rows] = column[node.patches]
     for view, column in zip(node.link_loads, of_links, strict=True):
         view[:n] = column[:n]
-    row = node.load[0]
-    row["Force"], row["Force sd"] = loads.force, loads.force_sd
-    row["Touched area"], row["Touched area sd"] = loads.area, loads.area_sd
-    row["Force 0.01N"] = _counts(loads.force, FORCE_STEP, 0xFFFFFFFF)
-    row["Force sd 0.01N"] = _counts(loads.force_sd, FORCE_STEP, 0xFFFF)
-    row["Touched area mm2"] = _counts(loads.area, AREA_STEP, 0xFFFF)
+    values = {
+        "Force": loads.force,
+        "Force sd": loads.force_sd,
+        "Touched area": loads.area,
+        "Touched area sd": loads.area_sd,
+        "Force 0.01N": _counts(loads.force, FORCE_STEP, 0xFFFFFFFF),
+        "Force sd 0.01N": _counts(loads.force_sd, FORCE_STEP, 0xFFFF),
+        "Touched area mm2": _counts(loads.area, AREA_STEP, 0xFFFF),
+    }
+    for name, value in values.items():
+        node.load[0][name] = value
 
 
 def _counts(value: float, step: float, most: int) -> int:

@@ -1,8 +1,7 @@
 """A recording through the master: its frames, in their order and on their own time, in and contacts out.
 
 No clock and no chance: the same frames give the same contacts, as fast as the machine can. The master
-follows: the SYNCs and the boots of patches are those of the recording, wherever it begins. One without SYNC
-holds only what the patches sent; there a cycle begins with the first reading that comes a second time.
+follows: the SYNCs and the boots of patches are those of the recording, wherever it begins.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skinbus.can.classic import INTERFRAME_BITS
-from skinbus.can.core import NEVER, DataQueue, receives
+from skinbus.can.core import DataQueue, receives
 from skinbus.can.error_frames import FaultWatch
 from skinbus.can.event import Event
 from skinbus.can.frame import ERROR, EXTENDED, NO_DATA, Frame
@@ -25,7 +24,6 @@ from skinbus.model import Arm
 from skinbus.node.sync import MAX_COUNTER
 from skinbus.objects import cia
 from skinbus.objects.published import usual
-from skinbus.objects.readings import DEADLINE
 
 LEAST_PAUSES = 3
 """Between cycles, from which their rate is found."""
@@ -44,26 +42,17 @@ class Sync(NamedTuple):
     """How often; None when that cannot be determined."""
 
 
-def find_sync(frames: Iterable[Frame], data_ids: Sequence[frozenset[int]]) -> Sync:
-    """Look for it in the frames with which a recording begins; ``data_ids`` by bus are those of readings."""
+def find_sync(frames: Iterable[Frame]) -> Sync:
+    """Look for it in the frames with which a recording begins."""
     syncs: dict[int, list[int]] = {}
-    readings: dict[tuple[int, int], list[int]] = {}
-    for can_id, _, t_ns, flags, bus in frames:
-        if can_id == cia.SYNC_ID and not flags:
-            syncs.setdefault(bus, []).append(t_ns)
-        elif can_id in data_ids[bus] and not flags & (NO_DATA | EXTENDED):
-            readings.setdefault((bus, can_id), []).append(t_ns)
-    if syncs:
-        return Sync(min(syncs), _rate_of(syncs[min(syncs)]))
-    return Sync(None, _rate_of(max(readings.values(), key=len, default=[])))
-
-
-def _rate_of(times_ns: Sequence[int]) -> float | None:
-    """Return the usual rate of what came at these times, within what a SYNC can have, Hz."""
-    pauses = np.diff(np.array(times_ns, object)).astype(np.float64)
+    for frame in frames:
+        if frame.can_id == cia.SYNC_ID and not frame.flags:
+            syncs.setdefault(frame.bus, []).append(frame.t_ns)
+    bus = min(syncs, default=None)
+    pauses = np.diff(np.array(syncs.get(bus or 0, []), object)).astype(np.float64)
     if len(pauses) < LEAST_PAUSES or not (middle := float(np.median(pauses))) > 0.0:
-        return None
-    return min(max(1e9 / middle, LOWEST_HZ), HIGHEST_HZ)
+        return Sync(bus, None)
+    return Sync(bus, min(max(1e9 / middle, LOWEST_HZ), HIGHEST_HZ))
 
 
 LONGEST_GAP_NS = 60_000_000_000
@@ -134,7 +123,7 @@ class Replay:
     ) -> None:
         """Begin.
 
-        sync_bus:  whose SYNCs are followed; None: there are none, as long as none comes
+        sync_bus:  whose SYNCs are followed; None: those of the bus on which the first one comes
         on_frames: called with what the master sends
         on_event:  called with what it detects, and with what error frames report
         settings:  of the master: level, node_id, zero_at_start
@@ -152,13 +141,10 @@ class Replay:
         self._data = DataQueue(master)
         self._stepped_ns = 0
         self._wake_ns = 0
-        self._spoken: set[tuple[int, int]] = set()  # readings since the cycle began, where there is no SYNC
-        self._begun_ns = -NEVER
         self._summary_id = usual(master.device.node_id).summary.cob_id
         self._counter = 0
         for branch in master.branches:  # every SYNC is given a counter
             branch.sync_counter = MAX_COUNTER
-        master.freshness.has_syncs = sync_bus is not None
 
     def take(self, frame: Frame) -> None:
         """Take the next frame; its ``bus`` is one of the master's."""
@@ -170,8 +156,6 @@ class Replay:
         if can_id in self._data_ids[bus] and not flags & EXTENDED:
             self.taken.n_readings += 1
             self._wake_until(now_ns)
-            if self._sync_bus is None:
-                self._look_for_cycle(now_ns, frame)
             if self._data.append(Frame(can_id, data, now_ns, flags, bus)):
                 self._step(now_ns, ())
             return
@@ -181,7 +165,6 @@ class Replay:
         if can_id == cia.SYNC_ID and not flags:
             if self._sync_bus is None:
                 self._sync_bus = bus
-                self.master.freshness.has_syncs = True
             if bus == self._sync_bus:
                 self._sync(now_ns, frame)
         elif receives(self.master.cob_ids_on(bus), frame):
@@ -213,23 +196,9 @@ class Replay:
         self._wake_until(begin_ns)
         self.sync_stamp_ns = frame.t_ns
         begin_ns = max(begin_ns, self._stepped_ns)
-        self._give_sync(begin_ns, frame.data[0] if frame.data else 0)
-
-    def _give_sync(self, now_ns: int, counter: int = 0) -> None:
-        """Give the master a SYNC with its counter, or with the next where the recording has none."""
-        self._counter = counter or self._counter % MAX_COUNTER + 1
-        self._step(now_ns, (Frame(cia.SYNC_ID, bytes([self._counter]), now_ns),))
-
-    def _look_for_cycle(self, now_ns: int, frame: Frame) -> None:
-        """Begin a cycle without SYNC: one of its readings comes again, or it has lasted long enough."""
-        reading = frame.bus, frame.can_id
-        is_over = now_ns - self._begun_ns >= DEADLINE * self.master.period_ns
-        if is_over or reading in self._spoken:
-            self._spoken.clear()
-            self._begun_ns = now_ns
-            self.sync_stamp_ns = frame.t_ns
-            self._give_sync(now_ns)
-        self._spoken.add(reading)
+        # one without a counter is given the next
+        self._counter = frame.data[0] if frame.data else self._counter % MAX_COUNTER + 1
+        self._step(begin_ns, (Frame(cia.SYNC_ID, bytes([self._counter]), begin_ns),))
 
     def _wake_until(self, now_ns: int) -> None:
         """Let the master do what is due before a frame comes."""

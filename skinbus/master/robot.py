@@ -95,27 +95,19 @@ class _Objects:
         records = device.values.rows(od[profile.contact(1).object].index, profile.MAX_CONTACTS)
         fields: Any = records.dtype.fields
         start, end = fields[FIRST][1], fields[LAST][1] + 4
-        block = np.dtype(
-            {
-                "names": ["block"],
-                "formats": [((np.float32, ((end - start) // 4,)))],
-                "offsets": [start],
-                "itemsize": records.dtype.itemsize,
-            }
-        )
-        self._block: npt.NDArray[np.float32] = records.view(block)["block"]
+        whole = records.view(np.uint8).reshape(len(records), -1)
+        self._block: npt.NDArray[np.uint8] = whole[:, start:end]
         self._valid: npt.NDArray[np.uint8] = records["Robot valid"]
 
-        def view(name: profile.Name, n: int) -> npt.NDArray[Any]:
+        def view(name: profile.Name, n: int = n_joints) -> npt.NDArray[Any]:
             index, sub = profile.index_of(od, name)
             return device.image_view(index, sub or 1, n)
 
-        self._state = view(profile.ROBOT_VALID, 1)
-        self._count, self._n_joints = view(profile.ROBOT_JOINTS, 1), n_joints
-        self._wrench = view(profile.ROBOT_WRENCH, 6)
-        names = (profile.JOINT_POSITION, profile.JOINT_TORQUE, profile.JOINT_TORQUE_DEVIATION)
-        self._position, self._torque, self._deviation = (view(name, n_joints) for name in names)
-        self._counts = view(profile.JOINT_TORQUE_COUNTS, n_joints)
+        self._n_joints = view(profile.ROBOT_JOINTS, 1)
+        self._is_valid = view(profile.ROBOT_VALID, 1)
+        columns = profile.JOINT_POSITION, profile.JOINT_TORQUE, profile.JOINT_TORQUE_DEVIATION
+        self._columns = [*map(view, columns), view(profile.ROBOT_WRENCH, 6)]
+        self._counts = view(profile.JOINT_TORQUE_COUNTS)
         od_counts = od[profile.JOINT_TORQUE_COUNTS.object].index
         self._device = device
         self._tpdos = [pdo.number for pdo in tpdos(od) if pdo.entries and pdo.entries[0].index == od_counts]
@@ -125,31 +117,28 @@ class _Objects:
         if not placed.valid:
             self.clear()
             return
-        self._state[0], self._count[0] = 1, self._n_joints
         is_seen = (rows >= 0) & (slots >= 0)
         slots = slots[is_seen]
         self._valid[:] = 0  # a place of a contact that is not seen now would be that of another pose
-        self._valid[slots] = 1
-        self._block[slots] = placed.records()[rows[is_seen]]
-        self._position[:] = to_single(placed.positions)
-        self._torque[:] = to_single(placed.torques)
-        self._deviation[:] = to_single(np.sqrt(np.maximum(np.diag(placed.torque_covariance), 0.0)))
-        self._wrench[:] = to_single(placed.base_wrench)
-        counts = np.rint(placed.torques / profile.TORQUE_STEP)
-        self._counts[:] = np.clip(counts, -TORQUE_MOST, TORQUE_MOST)
+        self._valid[slots] = self._is_valid[0] = 1
+        block = np.ascontiguousarray(placed.records()[rows[is_seen]], np.float32)
+        self._block[slots] = block.view(np.uint8)
+        deviation = np.sqrt(np.maximum(np.diag(placed.torque_covariance), 0.0))
+        values = placed.positions, placed.torques, deviation, placed.base_wrench
+        for column, value in zip(self._columns, values, strict=True):
+            column[:] = to_single(value)
+        self._counts[:] = np.clip(np.rint(placed.torques / profile.TORQUE_STEP), -TORQUE_MOST, TORQUE_MOST)
         self._send()
 
     def clear(self) -> None:
         """Write that base and tool frame are not known."""
-        self._valid[:] = 0
-        self._state[0], self._count[0] = 0, self._n_joints
-        self._block[...] = 0.0
-        for values in (self._position, self._torque, self._deviation, self._wrench):
-            values[:] = 0.0
+        for column in (self._valid, self._is_valid, self._block, *self._columns):
+            column[...] = 0
         self._counts[:] = profile.TORQUE_INVALID
         self._send()
 
     def _send(self) -> None:
         """Ask for the TPDOs of torques; those that no client has enabled are not sent."""
+        self._n_joints[0] = len(self._counts)
         for number in self._tpdos:
             self._device.transmit_tpdo(number)

@@ -19,7 +19,6 @@ from skinbus.estimate import DEFAULT_LEVEL
 from skinbus.master import CycleReport
 from skinbus.master.replay import Replay, find_sync
 from skinbus.model import Arm
-from skinbus.objects.readings import ReadingsPlan
 from skinbus.skin.addresses import channels_by_name, how_to_say
 from skinbus.skin.contact import Level
 from skinbus.skin.cycle import Cycle
@@ -142,8 +141,7 @@ class Recording:
         self.ods = ods_of(arm)
         """Object dictionaries of the patches."""
         self.sync = find_sync(
-            (frame._replace(bus=self.buses[name]) for frame, name in self._head if name in self.buses),
-            ReadingsPlan(arm, self.ods).cob_ids_on,
+            frame._replace(bus=self.buses[name]) for frame, name in self._head if name in self.buses
         )
         """What its cycles begin with."""
         self.arm = _at_rate(arm, self.sync.rate_hz)

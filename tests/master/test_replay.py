@@ -82,17 +82,10 @@ def test_a_recording_that_begins_in_the_middle_gives_the_contacts_from_there_on(
     assert again.counters.missing == 0
 
 
-def test_a_recording_of_readings_alone_gives_contacts_too(pad):
-    arm = pad.scene.arm
-    ids = [frozenset(range(0x181, 0x182 + 0x300, 0x100))]
-    frames = [frame for frame in recorded(pad.frames) if frame.can_id in ids[0]]
-    sync = find_sync(frames, ids)
-    assert sync.bus is None
-    assert sync.rate_hz == pytest.approx(100.0, rel=0.01)
-    again = Again(arm, frames, level="fit", sync_bus=None)
-    assert again.counters.accepted == len(frames)
-    whole = Again(arm, recorded(pad.frames), level="fit")
-    assert [c[1][2:] for c in again.contacts[-50:]] == [c[1][2:] for c in whole.contacts[-50:]]
+def test_the_rate_of_a_recording_is_that_of_its_syncs(pad):
+    assert find_sync(pad.frames).bus == 0
+    assert find_sync(pad.frames).rate_hz == pytest.approx(100.0, rel=0.01)
+    assert find_sync(frame for frame in pad.frames if frame.can_id != 0x080) == (None, None)
 
 
 def test_contacts_on_two_buses_are_made_again_from_one_recording(tmp_path):

@@ -39,14 +39,13 @@ Say = Callable[..., Any]
 @click.command()
 @click.argument("arm")
 @arm_bus_options
-@click.option("--centres-only", is_flag=True, help="Press centres only: how boards are turned is as planned.")
 @file_option("--out", help="Write this arm file in place of ARM.")
-def command(arm: str, bus: BusWords, centres_only: bool, out: Path | None) -> None:
+def command(arm: str, bus: BusWords, out: Path | None) -> None:
     """Find which board sits where on ARM: press the places that are asked for, one after the other.
 
-    Each place is pressed at its centre and at two corners, which show how the board is turned and whether it
-    is mirrored. A wrong press is named and asked for again. Then node-IDs, serial numbers and yaws go
-    into the arm file; its comments stay. A ring whose boards differ becomes single patches. Boards need a
+    Each place is pressed at its centre. A wrong press is named and asked for again. Then node-IDs and serial
+    numbers go into the arm file; its comments stay. `skinbus calibrate locate` finds boards that are
+    turned or mirrored. A ring whose boards differ becomes single patches. Boards need a
     node-ID, whichever: `skinbus scan assign` gives one to those without.
 
     What was found is kept in FILE.identify until the arm file is written: after an interruption the same
@@ -69,13 +68,13 @@ def command(arm: str, bus: BusWords, centres_only: bool, out: Path | None) -> No
     say = partial(console.print, soft_wrap=True)
     bench = boards_on(place, part, say)
     found = found_before(kept, places)
-    dialogue = Identification(places, bench.boards, turns=not centres_only, found=found)
+    dialogue = Identification(places, bench.boards, found)
 
     def keep() -> None:
         nonlocal found
         if dialogue.found != found:
             found = dict(dialogue.found)
-            kept.write_text(json.dumps({"places": repr(places), "found": dialogue.table()}))
+            kept.write_text(json.dumps({"places": repr(places), "found": found}))
 
     talk(dialogue, bench.arm, place, console, keep)
     for text in dialogue.summary():
@@ -97,8 +96,8 @@ def found_before(kept: Path, places: Sequence[Place]) -> dict[str, Identified]:
     try:
         state = json.loads(kept.read_bytes())
         return {
-            key: Identified(**(own | {"identity": tuple(own["identity"])}))
-            for key, own in state["found"].items()
+            key: Identified(node_id, tuple(identity))
+            for key, (node_id, identity) in state["found"].items()
             if state["places"] == repr(places)
         }
     except (OSError, RecursionError, AttributeError, KeyError, TypeError, ValueError):

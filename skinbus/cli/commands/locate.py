@@ -47,7 +47,7 @@ def command(arm: str, presses: Path, write: bool, out: Path | None) -> None:
     what presses do not determine stays as it is.
 
     Nothing is written without --write or --out. Status 1: a board is turned or mirrored otherwise than the
-    file says (`skinbus scan identify` finds how), lies more than 15 mm off its place, or its presses fit no
+    file says, lies more than 15 mm off its place, or its presses fit no
     place; such a board is not moved, and the likely cause is named. 2: bad file or argument.
 
     \b
@@ -97,12 +97,12 @@ def fault_of(arm: Arm, board: Located, scatter: float) -> str:
     if scatter > WORST:
         return f"presses scatter by {1e3 * scatter:.1f} mm, more than {1e3 * WORST:.1f} mm: {right}"
     if board.is_mirrored:
-        return "its presses fit the mirrored board: say so in the arm file (mirrored), or by `scan identify`"
+        return "its presses fit the mirrored board: say so in the arm file (mirrored)"
     if 2 * len(board.outliers) >= len(board.used):
         return f"its presses fit no place: {right}"
     if board.is_turned:
         turn = math.degrees(board.shift[2])
-        return f"it is turned by {turn:.0f} deg: say so in the arm file (yaw_deg), or by `scan identify`"
+        return f"it is turned by {turn:.0f} deg: say so in the arm file (yaw_deg)"
     if (shift := math.hypot(*board.shift[:2])) > MAX_SHIFT:
         fits = f"its presses fit {1e3 * shift:.0f} mm from its place, more than boards are mounted off"
         return f"{fits}: correct its place in the arm file, or node_id in the presses (see `scan identify`)"

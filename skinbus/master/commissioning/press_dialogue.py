@@ -75,8 +75,6 @@ class HandPress(NamedTuple):
     """Those that are pressed nearly as much."""
     places: npt.NDArray[Any]
     """(n_boards,) u + iv of the centre of pressure, m."""
-    strengths: Floats
-    """(n_boards,) sums of the pressures, relative to that of the board."""
     readings: Floats
     """(n_tactels,) Pa of all boards while it was held; NaN where nothing was read."""
     noise: Floats
@@ -144,10 +142,9 @@ class PressDetector:
             if flaw is Flaw.SHORT:
                 return None
             flaw = flaw or Flaw.LIGHT
-        strength = strength / max(float(strength[board]), 1e-300)
-        others = [b for b in np.flatnonzero(strength > SECOND).tolist() if b != board]
+        others = [b for b in np.flatnonzero(strength > SECOND * strength[board]).tolist() if b != board]
         places = moment / np.maximum(whole, 1e-300)
-        return HandPress(board, others, places, strength, readings, noise, flaw)
+        return HandPress(board, others, places, readings, noise, flaw)
 
 
 REMIND_NS = 20_000_000_000

@@ -62,20 +62,16 @@ def match(node: Found, candidates: Iterable[Candidate]) -> Match:
 
     Better is the same revision, and then the same serial number; an EDS that gives none of them fits any.
     """
-    ranked: dict[tuple[bool, bool], list[str]] = {}
     seen = node.numbers
-    for name, wanted in candidates:
-        same = (wanted.vendor, wanted.product) == (seen.get("vendor"), seen.get("product"))
-        if not same or wanted.device_type not in (0, seen.get("device_type")):
-            continue
-        if wanted.serial not in (0, seen.get("serial")):
-            continue
-        exact = wanted.revision in (0, seen.get("revision"))
-        ranked.setdefault((exact, wanted.serial != 0), []).append(name)
-    if not ranked:
-        return Match((), False)
-    best = max(ranked)
-    return Match(tuple(ranked[best]), best[0])
+    ranked = [
+        ((wanted.revision in (0, seen.get("revision")), wanted.serial != 0), name)
+        for name, wanted in candidates
+        if (wanted.vendor, wanted.product) == (seen.get("vendor"), seen.get("product"))
+        and wanted.device_type in (0, seen.get("device_type"))
+        and wanted.serial in (0, seen.get("serial"))
+    ]
+    best = max(ranked, default=((False, False), ""))[0]
+    return Match(tuple(name for rank, name in ranked if rank == best), best[0])
 
 
 class Scanner(NodesCore[None]):

@@ -95,31 +95,24 @@ Script = Generator[Request | Listen, Any, T]
 """A script is sent the ``Reply`` to each request, and the frames that were listened to."""
 
 
-class SdoTransfer:
+class SdoTransfer(SdoClient):
     """A transfer under way."""
 
     def __init__(self, request: Request, node_id: int, timeouts: Timeouts) -> None:
         is_slow = request.data is not None and request.index in (cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS)
-        self._client = SdoClient(node_id, timeout_ns=timeouts.store_ns if is_slow else timeouts.sdo_ns)
+        super().__init__(node_id, timeout_ns=timeouts.store_ns if is_slow else timeouts.sdo_ns)
         self.key = HEAD.pack(0, request.index, request.sub)[1:]
         """By which its answers are known: index and sub-index."""
         if request.data is None:
-            self._client.start_read(request.index, request.sub)
+            self.start_read(request.index, request.sub)
         else:
-            self._client.start_write(request.index, request.sub, request.data)
-        self.step = self._client.step
-
-    @property
-    def wake_ns(self) -> int:
-        """Time of the time-out (ns)."""
-        return self._client.wake_ns
+            self.start_write(request.index, request.sub, request.data)
 
     @property
     def reply(self) -> Reply | None:
         """What came of it; None while it goes on."""
-        result = self._client.result
         # A plain number: ``in`` of a range counts up to an enum member, for seconds.
-        return None if result is None else Reply(result.data, int(result.abort or 0))
+        return None if self.result is None else Reply(self.result.data, int(self.result.abort or 0))
 
 
 class ListenUnderWay:

@@ -126,12 +126,11 @@ def places_of(arm: Arm, mountings: Sequence[Mounting]) -> list[Place]:
     """Return the places of the patches of an arm with one bus, and of their tables in its file."""
     places = []
     for placed, mounting, kind in zip(arm.patches, mountings, kinds_of(arm), strict=True):
-        link = arm.links[placed.link]
-        around, at = "larger a", f"a {1e3 * placed.a:.0f} mm"
+        link, at = arm.links[placed.link], f"a {1e3 * placed.a:.0f} mm"
         if link.surface.period:
-            around, at = "larger angle", f"angle {math.degrees(placed.a / link.surface.radius):.0f} deg"
+            at = f"angle {math.degrees(placed.a / link.surface.radius):.0f} deg"
         where = f"{link.name}, s {1e3 * placed.s:.0f} mm, {at}"
-        places.append(Place(mounting.key, where, kind.kind, placed.patch.size, placed.yaw, around))
+        places.append(Place(mounting.key, where, kind.kind, placed.patch.size))
     return places
 
 
@@ -161,10 +160,6 @@ def _change(mounting: Mounting, own: Identified, mountings: Sequence[Mounting]) 
         change["node_id"] = own.node_id
     if serial and serial != mounting.serial:
         change["serial"] = serial
-    if abs(math.remainder(own.yaw - mounting.yaw, math.tau)) > 1e-6:
-        change["yaw_deg"] = round(math.degrees(own.yaw), 3)
-    if own.mirrored != mounting.is_mirrored:
-        change["mirrored"] = own.mirrored or None
     known = [m.eds for m in mountings if serial and m.serial == serial]
     known += [m.eds for m in mountings if m.node_id == own.node_id and m.serial == 0]
     if known and known[0] and known[0] != mounting.eds:

@@ -8,7 +8,7 @@ arm file does not name must not stay behind.
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from enum import Enum, StrEnum, auto
 from typing import Final, NamedTuple
 
@@ -36,8 +36,7 @@ NUMBERS = (
 IN_WORDS = {"device_type": "device type", "product": "product code", "serial": "serial number"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Identity:
+class Identity(NamedTuple):
     """Identity of a patch; zero means that any value will do (CiA 302-2, 0x1F84-0x1F88)."""
 
     device_type: int = 0
@@ -71,7 +70,7 @@ def expected_node(node_id: int, od: ObjectDictionary, *, window_us: int = 0) -> 
     """
     return ExpectedNode(
         node_id=node_id,
-        identity=Identity(**{name: number_at(od, index, sub) for name, index, sub in NUMBERS}),
+        identity=Identity(*(number_at(od, index, sub) for _, index, sub in NUMBERS)),
         configuration=configuration(od, window_us=window_us),
         heartbeat_ns=number_at(od, cia.HEARTBEAT_PRODUCER) * 1_000_000,
     )
@@ -261,14 +260,12 @@ def _ask(
 
 def _check_identity(identity: Identity) -> Script[None]:
     """Refuse another device; zero fits any, but the first object shows that the node is there."""
-    wanted = asdict(identity)
-    for name, index, sub in NUMBERS:
-        if wanted[name] or index == cia.DEVICE_TYPE:
+    for (name, index, sub), wanted in zip(NUMBERS, identity, strict=True):
+        if wanted or index == cia.DEVICE_TYPE:
             what = IN_WORDS.get(name, name)
             seen = int.from_bytes((yield from _ask(what, index, sub)).data, "little")
-            if wanted[name] not in (0, seen):
-                reason = f"{what} is 0x{seen:X}, wanted 0x{wanted[name]:X}"
-                raise _EndedError(Provision.REFUSED, reason)
+            if wanted not in (0, seen):
+                raise _EndedError(Provision.REFUSED, f"{what} is 0x{seen:X}, wanted 0x{wanted:X}")
 
 
 def _last_error() -> Script[int]:

@@ -22,7 +22,7 @@ def file(tmp_path):
 def test_a_board_is_found_by_a_press_and_goes_into_the_file(own_bus, file):
     with pressed_pad(own_bus) as (arm, hand):
         hand.start()
-        result = own_bus.run("scan", "identify", file, "--centres-only")
+        result = own_bus.run("scan", "identify", file)
     assert result.exit_code == 0, result.output
     assert "press the centre" in result.output
     (after,) = read_arm_file(file).mountings
@@ -59,16 +59,16 @@ def test_boards_that_the_arm_file_does_not_have_are_named(own_bus, file):
     assert "no node answers" not in result.output
 
 
-FOUND = {"patch[1]": {"node_id": 5, "identity": [1, 2, 3, 4], "yaw": 0.5, "mirrored": False}}
+FOUND = {"patch[1]": [5, [1, 2, 3, 4]]}
 
 
 def test_progress_is_taken_up_and_whatever_else_is_in_its_file_is_not(tmp_path):
     kept, places = tmp_path / "my-arm.toml.identify", []
     assert found_before(kept, places) == {}
     kept.write_text(json.dumps({"places": repr(places), "found": FOUND}))
-    assert found_before(kept, places) == {"patch[1]": Identified(5, (1, 2, 3, 4), 0.5, False)}
+    assert found_before(kept, places) == {"patch[1]": Identified(5, (1, 2, 3, 4))}
     assert found_before(kept, ["another"]) == {}
-    for wrong in (None, {"patch[1]": 1}, {"patch[1]": {**FOUND["patch[1]"], "size": 1}}):
+    for wrong in (None, {"patch[1]": 1}, {"patch[1]": [*FOUND["patch[1]"], 1]}):
         kept.write_text(json.dumps({"places": repr(places), "found": wrong}))
         assert found_before(kept, places) == {}
     kept.write_bytes(b"\xff[")

@@ -15,8 +15,6 @@ from skinbus.sim.touch import Touch, Touches
 
 FORCE_N = 8.0
 FINGER_MM = 12.0
-CORNER_M = 0.018
-"""From the centre along both sides to where people press a corner of a 50 mm board."""
 
 
 class HandPlan:
@@ -102,7 +100,7 @@ class Hand:
         return pressures + self.offset + self._noise * self.rng.standard_normal(len(pressures))
 
 
-ASKED = re.compile(r"\[(\d+)/\d+\] .*: press the (centre|corner)(.*)\.$")
+ASKED = re.compile(r"\[(\d+)/\d+\] .*: press the centre\.$")
 
 
 class Person:
@@ -115,16 +113,12 @@ class Person:
 
     def aim(self, line):
         """Where a line asks to press: link, s, a."""
-        number, point, words = ASKED.search(line).groups()
-        return self.point(int(number) - 1, point, words)
+        return self.point(int(ASKED.search(line)[1]) - 1)
 
-    def point(self, p, point="centre", words=""):
-        """Where a point of the board at a place is: link, s, a."""
+    def point(self, p, off=(0.0, 0.0)):
+        """Where the centre of the board at a place is, or a point off it: link, s, a."""
         placed = self.arm.patches[p]
-        x, y = 1e-3 * self._sloppy * self.rng.standard_normal(2)
-        if point == "corner":
-            x += CORNER_M if "far end" in words else -CORNER_M if "near end" in words else 0.0
-            y += CORNER_M if "larger" in words else -CORNER_M if "smaller" in words else 0.0
+        x, y = off + 1e-3 * self._sloppy * self.rng.standard_normal(2)
         surface = self.arm.links[placed.link].surface
         s, a = surface.undevelop(placed.s + x, y, placed.a)
         return placed.link, float(s), float(a)
