@@ -65,7 +65,7 @@ class Recorded(Replayed):
         *,
         level: str,
         zero: bool,
-        on_event: Callable[[Event], Any] | None = None,
+        on_event: Callable[[Event], Any] = lambda event: None,
     ) -> None:
         """Begin, with settings of the replay.
 

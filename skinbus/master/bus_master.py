@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +14,7 @@ from skinbus.estimate import Baseline, Plausibility
 from skinbus.master.alarms import Alarms, PlausibilityReport
 from skinbus.master.commissioning.sessions import timeouts_of
 from skinbus.master.gather import Gather
-from skinbus.master.network import Commands, Network
+from skinbus.master.network import Network
 from skinbus.master.other_master import Contest, OtherMaster
 from skinbus.master.patches.provisioning import ExpectedNode
 from skinbus.master.patches.supervisor import PatchMonitor, Supervisor
@@ -58,8 +57,7 @@ class BusMaster:
         )
         requests = {cia.SDO_CLIENT_BASE + plan.node_id for plan in plans}
         taken = data_ids | self.supervisor.cob_ids | requests
-        self.network = Network(self.device, plans, taken, self.supervisor)
-        self.commands = Commands(arm, number, od, self.device, baseline)
+        self.network = Network(arm, number, self.device, plans, taken, self.supervisor, baseline)
         self.tactels = PlausibilityReport(arm, number, od, self.device, plausibility)
         self.alarms = Alarms(self.device)
         self.other_master = None if follows else OtherMaster()
@@ -80,7 +78,7 @@ class BusMaster:
         self._data_ids = data_ids
         self._device_ids: frozenset[int] = frozenset()
         self._cob_ids: frozenset[int] = frozenset()
-        self.device.on_write = self._written
+        self.device.on_write = self.network.obey
         self.device.on_nmt = self._entered
 
     @property
@@ -139,7 +137,6 @@ class BusMaster:
     def show(self, now_ns: int) -> None:
         """Write the states of patches and tactels to the objects."""
         self.network.show(self.table)
-        self.commands.show()
         self.events += self.tactels.show(now_ns)
 
     def answer(self, now_ns: int, frames: Sequence[Frame], sync: Frame | None) -> None:
@@ -151,7 +148,7 @@ class BusMaster:
         step = self.device.step(now_ns, frames)
         self.network.command_own()
         self.out += step.frames
-        self.events += [*step.events, *self.commands.events(now_ns)]
+        self.events += [*step.events, *self.network.events(now_ns)]
         wake_ns = min(self.supervisor.wake_ns, step.wake_ns, self.alarms.wake_ns)
         self.wake_ns = now_ns if self.boots or self._is_stopped else max(wake_ns, now_ns)
 
@@ -206,10 +203,6 @@ class BusMaster:
         self.device.command(cia.NmtCommand.START)
         self.out += self.supervisor.start(now_ns, is_first=self._is_first)
         self._is_first = False
-
-    def _written(self, index: int, sub: int, value: Any) -> cia.AbortCode | None:
-        """Execute a write from the bus, or return why it is refused."""
-        return self.network.obey(index, sub, value) or self.commands.obey(index, sub, value)
 
     def _entered(self, state: cia.NmtState) -> None:
         """Note a reset of the own node: it boots again with the next step.

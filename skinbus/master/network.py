@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.can.event import Event, EventKind
 from skinbus.estimate import Baseline
@@ -24,7 +23,8 @@ from skinbus.node.device import Device
 from skinbus.objects import cia
 from skinbus.objects.cia import MAX_NODE_ID, REQUEST_NMT, REQUEST_NMT_ALL, AbortCode, NmtCommand
 from skinbus.objects.dcf import to_concise
-from skinbus.objects.profile import COMMAND, PATCH_COMMAND, PATCH_SUSPECT, ZERO, index_of
+from skinbus.objects.eds import load_eds
+from skinbus.objects.profile import COMMAND, PATCH_COMMAND, PATCH_SUSPECT, ZERO
 
 IS_SLAVE = 1 << 0
 BOOTED_BY_MASTER = 1 << 2
@@ -69,23 +69,35 @@ COMMANDS = {
 
 
 class Network:
-    """Keeps those objects of a device in step with the plans and the table of patches.
+    """Keeps those objects of a device in step with the plans and the table of patches; obeys clients.
 
-    What a client writes to 0x1F82 is passed on to ``watch``; nothing is done before it is answered.
+    What a client writes to 0x1F82 is passed on to ``watch``; nothing is done before it is answered. "Command"
+    and "Patch command" take what patches read now as their zeros.
     """
 
     def __init__(
-        self, device: Device, plans: Sequence[ExpectedNode], taken: frozenset[int], watch: PatchMonitor
+        self,
+        arm: Arm,
+        bus: int,
+        device: Device,
+        plans: Sequence[ExpectedNode],
+        taken: frozenset[int],
+        watch: PatchMonitor,
+        baseline: Baseline,
     ) -> None:
         """``taken``: identifiers of the patches, which no PDO of the own node may have."""
-        self._device = device
+        self._arm, self._bus = arm, bus
+        self._device, self._watch, self._baseline = device, watch, baseline
         self._taken = taken
-        self._watch = watch
         self._plans = tuple(plans)
         self._patches = {plan.node_id: p for p, plan in enumerate(plans)}
         self._rows = np.array([plan.node_id - 1 for plan in plans], np.intp)
+        od = load_eds("skin-master", device.node_id)
+        self._all, self._one = od[COMMAND.object].index, od[PATCH_COMMAND.object].index
         self._states: npt.NDArray[np.uint8] = device.image_view(REQUEST_NMT, 1, REQUEST_NMT_ALL)
+        self._suspect = device.image_view(od[PATCH_SUSPECT.object].index, 1, MAX_NODE_ID)
         self._own: NmtCommand | None = None
+        self._zeroed: list[tuple[int, int]] = []
 
     def describe(self) -> None:
         """Write what is expected of every patch; needed after each reset of the own node.
@@ -110,11 +122,16 @@ class Network:
                 self._device.values.put(index, node_id, value)
 
     def show(self, table: PatchTable) -> None:
-        """Write the NMT state of every patch (0x1F82) as last received, and of the own node."""
+        """Write the NMT state of every patch (0x1F82) as last received, and of the own node.
+
+        And how many tactels of each patch have been touched ever since power came.
+        """
         self._states[:] = 0  # what clients asked for
         absent = table.state == PatchState.ABSENT
         self._states[self._rows] = np.where(absent, MISSING, table.nmt)
         self._states[self._device.node_id - 1] = self._device.nmt_state
+        count = np.add.reduceat(self._baseline.suspect, self._arm.patch_start[:-1], dtype=np.int64)
+        self._suspect[self._rows] = count[self._arm.patches_on(self._bus)]
 
     def obey(self, index: int, sub: int, value: Any) -> AbortCode | None:
         """Take a write from the bus; return why it is refused, None for other objects too."""
@@ -123,6 +140,12 @@ class Network:
         if index == REQUEST_NMT:
             command = COMMANDS.get(value)
             return AbortCode.LOCAL_CONTROL if command is None else self._request(sub, command, value)
+        if index in (self._all, self._one):
+            if value != ZERO:
+                return AbortCode.NOT_STORED
+            if index == self._one and sub not in self._patches:
+                return AbortCode.LOCAL_CONTROL
+            self.zero(sub if index == self._one else 0)
         is_cob_id = cia.TPDO_COMMUNICATION <= index < cia.TPDO_MAPPING and sub == cia.PDO_COB_ID
         if is_cob_id and not value & cia.COB_ID_INVALID and value & cia.COB_ID_MASK_11 in self._taken:
             return AbortCode.VALUE_INVALID
@@ -145,39 +168,12 @@ class Network:
         if command is not None:
             self._device.command(command)
 
-
-class Commands:
-    """Executes the objects "Command" and "Patch command"; shows which patches of a bus may need a zero."""
-
-    def __init__(self, arm: Arm, bus: int, od: ObjectDictionary, device: Device, baseline: Baseline) -> None:
-        self._arm = arm
-        self._baseline = baseline
-        self._all, _ = index_of(od, COMMAND)
-        self._one, _ = index_of(od, PATCH_COMMAND)
-        self._suspect = device.image_view(od[PATCH_SUSPECT.object].index, 1, MAX_NODE_ID)
-        self._bus = bus
-        self._patches = arm.patches_on(bus)
-        self._rows = arm.node_id[self._patches] - 1
-        self._zeroed: list[tuple[int, int]] = []
-
-    def show(self) -> None:
-        """Write how many tactels of each patch have been touched ever since power came."""
-        count = np.add.reduceat(self._baseline.suspect, self._arm.patch_start[:-1], dtype=np.int64)
-        self._suspect[self._rows] = count[self._patches]
-
-    def obey(self, index: int, sub: int, value: Any) -> AbortCode | None:
-        """Execute a write from the bus; return why it is refused, None for what is no command too."""
-        if index not in (self._all, self._one):
-            return None
-        if value != ZERO:
-            return AbortCode.NOT_STORED
-        if index == self._all:
-            self.zero(None, 0)
-        elif sub - 1 in self._rows:
-            self.zero(self._arm.patch_at(sub, self._bus), sub)
-        else:
-            return AbortCode.LOCAL_CONTROL
-        return None
+    def zero(self, node_id: int) -> None:
+        """Take what a patch reads now as its zero, that of all patches with node-ID 0."""
+        patch = self._arm.patch_at(node_id, self._bus) if node_id else None
+        tactels = slice(None) if patch is None else self._arm.tactels_of(patch)
+        self._zeroed.append((node_id, int(self._baseline.touched[tactels].sum())))
+        self._baseline.zero(patch)
 
     def events(self, now_ns: int) -> list[Event]:
         """Return the events of the commands that were executed since the last call."""
@@ -187,9 +183,3 @@ class Commands:
             Event(t_ns=now_ns, kind=kind, node_id=node_id, count=n, detail=f"{n} tactels were touched")
             for node_id, n in zeroed
         ]
-
-    def zero(self, patch: int | None, node_id: int) -> None:
-        """Take what a patch reads now as its zero, that of all patches (node-ID 0) when None."""
-        tactels = slice(None) if patch is None else self._arm.tactels_of(patch)
-        self._zeroed.append((node_id, int(self._baseline.touched[tactels].sum())))
-        self._baseline.zero(patch)

@@ -7,14 +7,13 @@ follows: the SYNCs and the boots of patches are those of the recording, wherever
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from skinbus.can.classic import INTERFRAME_BITS
 from skinbus.can.core import DataQueue, receives
-from skinbus.can.error_frames import FaultWatch
 from skinbus.can.event import Event
 from skinbus.can.frame import ERROR, EXTENDED, NO_DATA, Frame
 from skinbus.can.wire_bits import frame_bits
@@ -59,40 +58,29 @@ LONGEST_GAP_NS = 60_000_000_000
 """What passes without a frame is passed over beyond this: nothing of a contact is left by then."""
 
 USUAL_GAP_NS = 2_000_000_000
-"""A bus with a master is never silent for so long; a silence has to be confirmed by two frames."""
+"""A bus with a master is never silent for so long."""
 
 JITTER_NS = 1_000_000_000
 """Frames of several interfaces may stand in a recording in another order than they came, but not by more."""
 
 
 class Timeline:
-    """The time of a recording, made one that never goes back; its zero is the first frame.
-
-    One frame with an odd time is a spoilt line, and is taken for now. Two that agree are a clock that was
-    set, or a long silence.
-    """
+    """The time of a recording, made one that never goes back; its zero is the first frame."""
 
     def __init__(self) -> None:
         self.n_jumps = 0
-        """Times that the clock of the recorder was set, or that a time was spoilt."""
+        """Times that the clock of the recorder was set."""
         self.now_ns = 0
         self._shift_ns: int | None = None
-        self._odd_ns: int | None = None
 
     def at(self, t_ns: int) -> int:
         """Move to the time of a frame, and return it."""
         if self._shift_ns is None:
             self._shift_ns = -t_ns
         moved_ns = t_ns + self._shift_ns - self.now_ns
-        if -JITTER_NS <= moved_ns <= USUAL_GAP_NS:
-            self._odd_ns = None
-        elif self._odd_ns is None or not -JITTER_NS <= t_ns - self._odd_ns <= USUAL_GAP_NS:
-            self._odd_ns = t_ns
+        if not -JITTER_NS <= moved_ns <= USUAL_GAP_NS:
             self.n_jumps += not 0 < moved_ns <= LONGEST_GAP_NS
-            return self.now_ns
-        else:
             self._shift_ns += min(max(moved_ns, 0), LONGEST_GAP_NS) - moved_ns
-            self._odd_ns = None
         self.now_ns = max(self.now_ns, t_ns + self._shift_ns)
         return self.now_ns
 
@@ -117,15 +105,15 @@ class Replay:
         *,
         sync_bus: int | None = 0,
         on_cycle: Callable[[CycleReport], None] | None = None,
-        on_frames: Callable[[Sequence[Frame]], object] | None = None,
-        on_event: Callable[[Event], object] | None = None,
+        on_frames: Callable[[Sequence[Frame]], object] = lambda frames: None,
+        on_event: Callable[[Event], object] = lambda event: None,
         **settings: Any,
     ) -> None:
         """Begin.
 
         sync_bus:  whose SYNCs are followed; None: those of the bus on which the first one comes
         on_frames: called with what the master sends
-        on_event:  called with what it detects, and with what error frames report
+        on_event:  called with what it detects
         settings:  of the master: level, node_id, zero_at_start
         """
         self.master = master = Master(arm, follows=True, on_cycle=on_cycle, **settings)
@@ -136,7 +124,6 @@ class Replay:
         self._sync_bus = sync_bus
         self._on_frames = on_frames
         self._on_event = on_event
-        self._faults = [FaultWatch() for _ in range(master.n_buses)]
         self._data_ids = [master.data_ids_on(k) for k in range(master.n_buses)]
         self._data = DataQueue(master)
         self._stepped_ns = 0
@@ -150,7 +137,8 @@ class Replay:
         """Take the next frame; its ``bus`` is one of the master's."""
         can_id, data, t_ns, flags, bus = frame
         if flags & NO_DATA:
-            self._note(frame)
+            self.taken.n_error += bool(flags & ERROR)
+            self.taken.n_remote += not flags & ERROR
             return
         now_ns = self.timeline.at(t_ns)
         if can_id in self._data_ids[bus] and not flags & EXTENDED:
@@ -177,18 +165,6 @@ class Replay:
         while self.master.gather.is_open:
             self._step(self._wake_ns, ())
 
-    def _note(self, frame: Frame) -> None:
-        """Count what is no data frame; error frames are of the recorder's controller, no other."""
-        if not frame.flags & ERROR:
-            self.taken.n_remote += 1
-            return
-        self.taken.n_error += 1
-        watch = self._faults[frame.bus]
-        watch.take((frame,))
-        for event in watch.news(self.timeline.at(frame.t_ns), 0):
-            if self._on_event:
-                self._on_event(replace(event, bus=frame.bus))
-
     def _sync(self, now_ns: int, frame: Frame) -> None:
         """Begin a cycle when its SYNC began, as a master does; a recording has the times of the ends."""
         bits = frame_bits(frame) - INTERFRAME_BITS
@@ -211,8 +187,6 @@ class Replay:
         step = self.master.step(now_ns, frames)
         self._stepped_ns = now_ns
         self._wake_ns = max(step.wake_ns, now_ns + 1)
-        if self._on_frames and step.frames:
-            self._on_frames(step.frames)
-        if self._on_event:
-            for event in step.events:
-                self._on_event(event)
+        self._on_frames(step.frames)
+        for event in step.events:
+            self._on_event(event)

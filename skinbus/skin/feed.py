@@ -210,10 +210,10 @@ class PacedFeed(MadeFeed):
 def set_zero(master: Master, patch: int | None) -> None:
     """Take what a patch of a master reads now as its zero; that of all when None."""
     if patch is None:
-        master.branches[0].commands.zero(None, 0)
+        master.branches[0].network.zero(0)
     else:
         arm = master.arm
-        master.branches[int(arm.patch_bus[patch])].commands.zero(patch, int(arm.node_id[patch]))
+        master.branches[int(arm.patch_bus[patch])].network.zero(int(arm.node_id[patch]))
 
 
 def offer(master: Master, t_ns: int, positions: Positions) -> None:

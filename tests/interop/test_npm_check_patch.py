@@ -1,6 +1,6 @@
 """The check of a board, run against the JavaScript stack as a device made from our own EDS."""
 
-from skinbus.master.commissioning.patch_check import MS, RULES, CheckedPatch, Grade, PatchCheck
+from skinbus.master.commissioning.patch_check import MS, RULES, Grade, PatchCheck
 from skinbus.objects.eds import load_eds
 from tests.interop.peer import resolved_eds
 
@@ -12,9 +12,8 @@ SURVIVED = [rule for rule in RULES if rule.name != "malformed frames"]
 def test_their_device_fails_the_rules_that_it_does_not_keep(bench, tmp_path):
     bench.ask("open", id=NODE, eds=str(resolved_eds("skin-patch", NODE, tmp_path)))
     bench.ask("start")
-    check = PatchCheck(
-        CheckedPatch(NODE, load_eds("skin-patch", NODE), 5 * MS, 50), SURVIVED, destructive=True
-    )
+    od = load_eds("skin-patch", NODE)
+    check = PatchCheck(NODE, od, 5 * MS, SURVIVED, n_syncs=50, destructive=True)
     bench.attach(check)
     for _ in range(60):
         bench.pass_ms(1000)

@@ -23,7 +23,6 @@ from skinbus.master.commissioning.patch_check import (
     MS,
     N_SYNCS,
     RULES,
-    CheckedPatch,
     Grade,
     PatchCheck,
     RuleResult,
@@ -194,15 +193,17 @@ def check(
 
     console.print(f"node {node_id} on {place}, as {eds} describes it:")
     with progress(console, "SYNCs", syncs) as advance:
-        patch = CheckedPatch(
+        core = PatchCheck(
             node_id,
             load_eds(eds, node_id),
             round(response_ms * MS),
-            syncs,
-            console.print if press else None,
-            lambda: advance(1),
+            RULES,
+            n_syncs=syncs,
+            ask=console.print if press else None,
+            destructive=store,
+            on_sync=lambda: advance(1),
+            on_result=show,
         )
-        core = PatchCheck(patch, RULES, destructive=store, on_result=show)
         run_to_end(core, place, console.print)
     console.print("not found by this: samples that are one cycle old")
     if not press:

@@ -7,7 +7,7 @@ It returns a detail to show, and raises ``BrokenRuleError`` when the patch does 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -71,7 +71,7 @@ class Rule:
     """Where CiA 301, 305 or 401 says so; "skinbus" for what is our own."""
     text: str
     """What the firmware must do."""
-    check: Callable[[CheckedPatch], Check]
+    check: Callable[[PatchCheck], Check]
     is_destructive: bool = False
     """Whether the parameters stored in the patch are lost."""
     needs_press: bool = False
@@ -85,36 +85,80 @@ class RuleResult(NamedTuple):
     detail: str = ""
 
 
-@dataclass(slots=True)
-class CheckedPatch:
-    """The patch under check: its node-ID, what its EDS says, and the limits that are asked of it."""
+class PatchCheck(ScriptCore):
+    """A core that goes through the rules one after another and then asks its host to stop.
 
-    node_id: int
-    od: ObjectDictionary
-    response_ns: int
-    """Longest time from SYNC to the last of its TPDOs."""
-    n_syncs: int = N_SYNCS
-    ask: Callable[[str], object] | None = None
-    """Asks a person for a press; None: there is nobody."""
-    on_sync: Callable[[], object] = lambda: None
-    now_ns: int = 0
-    rounds: list[list[int]] = field(default_factory=list)
-    """Readings that answered each SYNC, in the order of the TPDOs."""
-    beats: list[list[int]] = field(default_factory=list)
-    """Times of heartbeats meanwhile (ns), by half."""
+    Args:
+        node_id: of the patch.
+        od: what its EDS says.
+        response_ns: longest time from SYNC to the last of its TPDOs.
+        rules: to be checked.
+        n_syncs: SYNCs that are answered.
+        ask: asks a person for a press; None: there is nobody.
+        destructive: rules by which stored parameters are lost are checked too.
+        on_sync: is called after each SYNC, and ``on_result`` after each rule.
+    """
+
+    def __init__(
+        self,
+        node_id: int,
+        od: ObjectDictionary,
+        response_ns: int,
+        rules: Sequence[Rule],
+        *,
+        n_syncs: int = N_SYNCS,
+        ask: Callable[[str], object] | None = None,
+        destructive: bool = False,
+        on_sync: Callable[[], object] = lambda: None,
+        on_result: Callable[[RuleResult], object] = lambda result: None,
+    ) -> None:
+        super().__init__(self._run(rules, destructive=destructive), node_id, TIMEOUTS)
+        self.node_id, self.od, self.response_ns = node_id, od, response_ns
+        self.n_syncs, self.ask = n_syncs, ask
+        self.results: list[RuleResult] = []
+        self.on_sync, self._on_result = on_sync, on_result
+        sync = range(1, cia.TransmissionType.SYNC_MAX + 1)
+        self.pdos = [pdo for pdo in tpdos(od) if carries_readings(pdo) and pdo.transmission_type in sync]
+        """TPDOs of readings that answer SYNCs."""
+        self.now_ns = 0
+        self.rounds: list[list[int]] = []
+        """Readings that answered each SYNC, in the order of the TPDOs."""
+        self.beats: list[list[int]] = []
+        """Times of heartbeats meanwhile (ns), by half."""
 
     @property
-    def pdos(self) -> list[PdoMap]:
-        """TPDOs of readings that answer SYNCs."""
-        sync = range(1, cia.TransmissionType.SYNC_MAX + 1)
-        return [pdo for pdo in tpdos(self.od) if carries_readings(pdo) and pdo.transmission_type in sync]
+    def passed(self) -> bool:
+        """Whether no rule has failed."""
+        return all(result.grade is not Grade.FAIL for result in self.results)
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
+        self.now_ns = now_ns
+        return super().step(now_ns, frames)
+
+    def _run(self, rules: Sequence[Rule], *, destructive: bool) -> Script[None]:
+        for rule in rules:
+            grade, detail = Grade.SKIPPED, "stored parameters would be lost"
+            if rule.needs_press and not self.ask:
+                detail = "with --press"
+            elif destructive or not rule.is_destructive:
+                try:
+                    detail = (yield from rule.check(self)) or ""
+                    grade = Grade.PASS
+                except BrokenRuleError as broken:
+                    grade, detail = Grade.FAIL, str(broken)
+                    yield from self.reset()  # what the rule has changed
+            self.results.append(RuleResult(rule, grade, detail))
+            self._on_result(self.results[-1])
+        # the rules have changed parameters: a reset brings the stored ones back
+        yield from self.reset()
 
     def sends(self, base: int, data: bytes | None = None) -> Callable[[Frame], bool]:
-        """Return what tells frames of one of its services (COB-ID less node-ID), and with these data."""
+        """Return what tells frames of a service of the patch (COB-ID less node-ID), and with these data."""
 
         def is_it(frame: Frame) -> bool:
             is_own = frame.can_id == base + self.node_id and not frame.flags
-            return is_own and (data is None or frame.data == data)
+            return is_own and data in (None, frame.data)
 
         return is_it
 
@@ -124,68 +168,15 @@ class CheckedPatch:
         return self.sends(cia.HEARTBEAT_BASE)
 
     def command(
-        self,
-        command: NmtCommand,
-        ns: int = ANSWER_NS,
-        until: Callable[[Frame], bool] | None = None,
-        *,
-        to_all: bool = False,
+        self, command: NmtCommand, ns: int = ANSWER_NS, until: Callable[[Frame], bool] | None = None
     ) -> Script[list[Frame]]:
-        """Command the patch, or all nodes; return the frames that follow."""
-        node_id = 0 if to_all else self.node_id
-        received: list[Frame] = yield Listen(ns, until, (nmt_frame(command, node_id),))
+        """Command the patch; return the frames that follow."""
+        received: list[Frame] = yield Listen(ns, until, (nmt_frame(command, self.node_id),))
         return received
 
     def reset(self, command: NmtCommand = NmtCommand.RESET_NODE) -> Script[list[Frame]]:
         """Reset the patch; return the frames until its boot-up message."""
         return (yield from self.command(command, BOOT_NS, self.sends(cia.HEARTBEAT_BASE, b"\0")))
-
-
-class PatchCheck(ScriptCore):
-    """A core that goes through the rules one after another and then asks its host to stop."""
-
-    def __init__(
-        self,
-        patch: CheckedPatch,
-        rules: Sequence[Rule],
-        *,
-        destructive: bool = False,
-        on_result: Callable[[RuleResult], object] = lambda result: None,
-    ) -> None:
-        """``destructive``: rules by which stored parameters are lost are checked too."""
-        super().__init__(self._run(), patch.node_id, TIMEOUTS)
-        self.results: list[RuleResult] = []
-        self._patch = patch
-        self._rules = rules
-        self._destructive = destructive
-        self._on_result = on_result
-
-    @property
-    def passed(self) -> bool:
-        """Whether no rule has failed."""
-        return all(result.grade is not Grade.FAIL for result in self.results)
-
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
-        """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
-        self._patch.now_ns = now_ns
-        return super().step(now_ns, frames)
-
-    def _run(self) -> Script[None]:
-        for rule in self._rules:
-            grade, detail = Grade.SKIPPED, "stored parameters would be lost"
-            if rule.needs_press and not self._patch.ask:
-                detail = "with --press"
-            elif self._destructive or not rule.is_destructive:
-                try:
-                    detail = (yield from rule.check(self._patch)) or ""
-                    grade = Grade.PASS
-                except BrokenRuleError as broken:
-                    grade, detail = Grade.FAIL, str(broken)
-                    yield from self._patch.reset()  # what the rule has changed
-            self.results.append(RuleResult(rule, grade, detail))
-            self._on_result(self.results[-1])
-        # the rules have changed parameters: a reset brings the stored ones back
-        yield from self._patch.reset()
 
 
 # parts of rules
@@ -222,7 +213,7 @@ def _await(is_it: Callable[[Frame], bool], *send: Frame) -> Script[bytes]:
     return received[-1].data if received and is_it(received[-1]) else b""
 
 
-def _as_eds(patch: CheckedPatch, places: Iterable[tuple[int, int]], *, zero_is_any: bool = False) -> Check:
+def _as_eds(patch: PatchCheck, places: Iterable[tuple[int, int]], *, zero_is_any: bool = False) -> Check:
     """Objects hold what the EDS says."""
     for index, sub in places:
         seen, wanted = (yield from _number(index, sub)), number_at(patch.od, index, sub)
@@ -230,7 +221,7 @@ def _as_eds(patch: CheckedPatch, places: Iterable[tuple[int, int]], *, zero_is_a
         _need(is_so, f"0x{index:04X}:{sub:02X} is 0x{seen:X}; the EDS says 0x{wanted:X}")
 
 
-def _counts(patch: CheckedPatch) -> Script[list[int]]:
+def _counts(patch: PatchCheck) -> Script[list[int]]:
     """Return the readings of all tactels by SDO."""
     index = next(i for i in cia.READINGS if i in patch.od.indices)
     counts = []
@@ -240,7 +231,7 @@ def _counts(patch: CheckedPatch) -> Script[list[int]]:
     return counts
 
 
-def _spare_bits(patch: CheckedPatch) -> int:
+def _spare_bits(patch: PatchCheck) -> int:
     """Return how many bits of a reading lie below those of the converter."""
     transducer = describe_patch(patch.od).transducer
     return transducer.bits - (transducer.converter_bits or transducer.bits)
@@ -249,7 +240,7 @@ def _spare_bits(patch: CheckedPatch) -> int:
 # the rules
 
 
-def _boots(patch: CheckedPatch) -> Check:
+def _boots(patch: PatchCheck) -> Check:
     is_boot_up = patch.sends(cia.HEARTBEAT_BASE, b"\0")
     yield Listen(ANSWER_NS)  # it may be booting
     for command in (NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION):
@@ -265,12 +256,12 @@ def _boots(patch: CheckedPatch) -> Check:
         _need(not any(map(is_boot_up, more)), twice)
 
 
-def _identity(patch: CheckedPatch) -> Check:
+def _identity(patch: PatchCheck) -> Check:
     places = [(cia.DEVICE_TYPE, 0), *((cia.IDENTITY, k) for k in range(1, 4))]
     return _as_eds(patch, places, zero_is_any=True)
 
 
-def _heartbeat(patch: CheckedPatch) -> Check:
+def _heartbeat(patch: PatchCheck) -> Check:
     yield from _ask(_write(cia.HEARTBEAT_PRODUCER, 0, HEARTBEAT_MS, 2))
     received = yield Listen((6 * HEARTBEAT_MS + HEARTBEAT_MS // 2) * MS)
     times = [f.t_ns for f in received if patch.is_beat(f)]
@@ -281,24 +272,24 @@ def _heartbeat(patch: CheckedPatch) -> Check:
     _need(worst <= 0.2 * HEARTBEAT_MS * MS, off)  # consumers wait 1.5 periods and more
 
 
-def _states(patch: CheckedPatch) -> Check:
+def _states(patch: PatchCheck) -> Check:
     yield _write(cia.HEARTBEAT_PRODUCER, 0, HEARTBEAT_MS, 2)
     steps = (
-        (NmtCommand.START, NmtState.OPERATIONAL, False),
-        (NmtCommand.STOP, NmtState.STOPPED, False),
-        (NmtCommand.PRE_OPERATIONAL, NmtState.PRE_OPERATIONAL, False),
-        (NmtCommand.START, NmtState.OPERATIONAL, False),
-        (NmtCommand.PRE_OPERATIONAL, NmtState.PRE_OPERATIONAL, True),
+        (NmtCommand.START, NmtState.OPERATIONAL, patch.node_id),
+        (NmtCommand.STOP, NmtState.STOPPED, patch.node_id),
+        (NmtCommand.PRE_OPERATIONAL, NmtState.PRE_OPERATIONAL, patch.node_id),
+        (NmtCommand.START, NmtState.OPERATIONAL, patch.node_id),
+        (NmtCommand.PRE_OPERATIONAL, NmtState.PRE_OPERATIONAL, 0),
     )
-    for command, state, to_all in steps:
-        received = yield from patch.command(command, 3 * HEARTBEAT_MS * MS, to_all=to_all)
+    for command, state, to in steps:
+        received: list[Frame] = yield Listen(3 * HEARTBEAT_MS * MS, send=(nmt_frame(command, to),))
         beats = [f.data.hex() for f in received if patch.is_beat(f)] or ["none"]
-        asked = command.name + " to all (node-ID 0)" * to_all
+        asked = command.name + " to all (node-ID 0)" * (not to)
         wrong = f"after {asked} the heartbeat is {beats[-1]}, not {state:02x} ({state.name})"
         _need(beats[-1] == f"{state:02x}", wrong)
 
 
-def _silent_before_start(patch: CheckedPatch) -> Check:
+def _silent_before_start(patch: PatchCheck) -> Check:
     yield from patch.command(NmtCommand.PRE_OPERATIONAL)
     received = yield Listen(ANSWER_NS, send=(SYNC,))
     ids = {pdo.cob_id for pdo in tpdos(patch.od) if pdo.valid}
@@ -306,14 +297,14 @@ def _silent_before_start(patch: CheckedPatch) -> Check:
         _need(frame.can_id not in ids, f"sent PDO 0x{frame.can_id:03X} in PRE-OPERATIONAL")
 
 
-def _stopped(patch: CheckedPatch) -> Check:
+def _stopped(patch: PatchCheck) -> Check:
     yield from patch.command(NmtCommand.STOP)
     reply: Reply = yield Request(cia.DEVICE_TYPE, 0)
     yield from patch.command(NmtCommand.PRE_OPERATIONAL)
     _need(reply.is_silent, "answers SDO requests in STOPPED")
 
 
-def _aborts(patch: CheckedPatch) -> Check:
+def _aborts(patch: PatchCheck) -> Check:
     code, long = AbortCode, AbortCode.LENGTH
     beat = cia.HEARTBEAT_PRODUCER
     wrong = (
@@ -330,7 +321,7 @@ def _aborts(patch: CheckedPatch) -> Check:
         _need(reply.abort in codes, f"{what} was {seen}; wanted {wanted}")
 
 
-def _communication(patch: CheckedPatch) -> Check:
+def _communication(patch: PatchCheck) -> Check:
     places = []
     for pdo in tpdos(patch.od):
         parameters = (cia.TPDO_COMMUNICATION, cia.PDO_COB_ID), (cia.TPDO_COMMUNICATION, cia.PDO_TYPE)
@@ -339,7 +330,7 @@ def _communication(patch: CheckedPatch) -> Check:
     return _as_eds(patch, places)
 
 
-def _readings(patch: CheckedPatch) -> Check:
+def _readings(patch: PatchCheck) -> Check:
     """Every SYNC is answered once by every TPDO of readings, in order and in time.
 
     In the second half SYNCs carry a counter, if the board takes one.
@@ -379,7 +370,7 @@ def _readings(patch: CheckedPatch) -> Check:
     return detail
 
 
-def _new_samples(patch: CheckedPatch) -> Check:
+def _new_samples(patch: PatchCheck) -> Check:
     """A board without noise may repeat; with noise all its TPDOs change."""
     yield from ()
     if not patch.rounds:
@@ -392,7 +383,7 @@ def _new_samples(patch: CheckedPatch) -> Check:
     _need(min(n_same, n_new) <= 1 or n_same + n_new < len(is_new), again)
 
 
-def _channels(patch: CheckedPatch) -> Check:
+def _channels(patch: PatchCheck) -> Check:
     """No two readings that change are always the same."""
     yield from ()
     subs: dict[tuple[int, ...], int] = {}
@@ -403,7 +394,7 @@ def _channels(patch: CheckedPatch) -> Check:
         _need(other == sub or len(set(column)) < CHANGES, same)
 
 
-def _beats_under_load(patch: CheckedPatch) -> Check:
+def _beats_under_load(patch: PatchCheck) -> Check:
     yield from ()
     gaps = [b - a for beats in patch.beats for a, b in pairwise(beats)]
     n_lost = sum(max(0, round(gap / (HEARTBEAT_MS * MS)) - 1) for gap in gaps)
@@ -422,7 +413,7 @@ def _values(pdos: Sequence[PdoMap], frames: Iterable[Frame]) -> list[int]:
     return values
 
 
-def _sync_values(patch: CheckedPatch) -> Script[list[int]]:
+def _sync_values(patch: PatchCheck) -> Script[list[int]]:
     """Return what the TPDOs after a SYNC carry; nothing if some do not come as they should."""
     received: list[Frame] = yield Listen(SYNC_PERIOD_NS, send=(SYNC,))
     lengths = {frame.can_id: len(frame.data) for frame in received}
@@ -430,7 +421,7 @@ def _sync_values(patch: CheckedPatch) -> Script[list[int]]:
     return _values(patch.pdos, received) if is_whole else []
 
 
-def _same_as_sdo(patch: CheckedPatch) -> Check:
+def _same_as_sdo(patch: PatchCheck) -> Check:
     """TPDOs carry what SDO reads, but for noise."""
     yield from patch.command(NmtCommand.START)
     subs = [entry.sub for pdo in patch.pdos for entry in readings_in(pdo)]
@@ -448,7 +439,7 @@ def _same_as_sdo(patch: CheckedPatch) -> Check:
     return "" if reads.any() else "all readings are 0, which proves little: use --press"
 
 
-def _pressed(patch: CheckedPatch) -> Check:
+def _pressed(patch: PatchCheck) -> Check:
     """The same under a finger, where readings are large."""
     board = describe_patch(patch.od)
     if patch.ask:
@@ -461,7 +452,7 @@ def _pressed(patch: CheckedPatch) -> Check:
     _need(None, f"no press was felt within {PRESS_NS // (1000 * MS)} s")
 
 
-def _segments(patch: CheckedPatch) -> Check:
+def _segments(patch: PatchCheck) -> Check:
     """Texts come in segments, whose toggle bit alternates."""
     for index in (cia.DEVICE_NAME, cia.HARDWARE_VERSION, cia.SOFTWARE_VERSION):
         if index in patch.od.indices:
@@ -471,14 +462,14 @@ def _segments(patch: CheckedPatch) -> Check:
             _need(not reply.abort, f"0x{index:04X}: {cia.describe_abort(reply.abort)}")
 
 
-def _left_adjusted(patch: CheckedPatch) -> Check:
+def _left_adjusted(patch: PatchCheck) -> Check:
     """The bits below the converter's are 0."""
     spare = _spare_bits(patch)
     for sub, value in enumerate((yield from _counts(patch)), 1):
         _need(not value & ((1 << spare) - 1), f"reading {sub} is {value}: its lowest {spare} bits are not 0")
 
 
-def _rests_in_band(patch: CheckedPatch) -> Check:
+def _rests_in_band(patch: PatchCheck) -> Check:
     """Untouched, no tactel reads as if it were touched."""
     board = describe_patch(patch.od)
     for sub, value in enumerate((yield from _counts(patch)), 1):
@@ -488,7 +479,7 @@ def _rests_in_band(patch: CheckedPatch) -> Check:
         _need(abs(pressure) <= board.threshold, f"reading {sub} is {pressure:.0f} Pa untouched; {wanted}")
 
 
-def _emcy(patch: CheckedPatch) -> Check:
+def _emcy(patch: PatchCheck) -> Check:
     """A SYNC of eight bytes is an error, and the next right one ends it."""
     yield from patch.command(NmtCommand.PRE_OPERATIONAL)
     for length, code in ((8, EmcyCode.SYNC_LENGTH), (0, EmcyCode.NO_ERROR)):
@@ -505,7 +496,7 @@ def _emcy(patch: CheckedPatch) -> Check:
         _need(is_kept, "the newest entry of the error history is not the error")
 
 
-def _window(patch: CheckedPatch) -> Check:
+def _window(patch: PatchCheck) -> Check:
     yield from _ask(_write(cia.SYNC_WINDOW, 0, 10_000, 4))
     reply: Reply = yield Request(cia.SYNC_WINDOW, 0)
     seen = int.from_bytes(reply.data, "little")
@@ -513,7 +504,7 @@ def _window(patch: CheckedPatch) -> Check:
     _need(seen == 10_000, f"reads {seen} after 10000 was written")
 
 
-def _mark(patch: CheckedPatch) -> Check:
+def _mark(patch: PatchCheck) -> Check:
     """0x1020 is 0 as soon as a parameter is another."""
     for sub in (cia.VERIFY_DATE, cia.VERIFY_TIME):
         yield from _ask(_write(cia.VERIFY_CONFIGURATION, sub, 0x1234, 4))
@@ -523,7 +514,7 @@ def _mark(patch: CheckedPatch) -> Check:
         _need(not any(reply.data), f"0x1020:{sub:02X} stays after a parameter was changed")
 
 
-def _lss(patch: CheckedPatch) -> Check:
+def _lss(patch: PatchCheck) -> Check:
     """Selected by its identity, it answers with its node-ID, and no longer when it is let go."""
     yield from patch.command(NmtCommand.PRE_OPERATIONAL)
     lss, address = LssMaster(ANSWER_NS), []
@@ -536,7 +527,7 @@ def _lss(patch: CheckedPatch) -> Check:
     _need(node_ids == [patch.node_id], "does not answer LSS inquire node-ID")
 
 
-def _store(patch: CheckedPatch) -> Check:
+def _store(patch: PatchCheck) -> Check:
     """What is stored comes back after a reset, and what is restored is the default."""
     reply: Reply = yield Request(cia.STORE_PARAMETERS, cia.STORE_ALL, b"evas")
     _need(reply.abort, "0x1010:01 takes a wrong signature")
@@ -554,7 +545,7 @@ def _store(patch: CheckedPatch) -> Check:
         _need(seen == wanted, f"0x1017 is {seen} after 0x{index:04X} and a reset; wanted {wanted}")
 
 
-def _survives(patch: CheckedPatch) -> Check:
+def _survives(patch: PatchCheck) -> Check:
     sdo, nmt = cia.SDO_CLIENT_BASE + patch.node_id, cia.NMT_COMMAND_ID
     junk = (
         (sdo, b"\x40\x00\x10"),

@@ -5,7 +5,7 @@ import pytest
 
 from skinbus.can.core import Core, Step
 from skinbus.can.virtual_bus import VirtualBus
-from skinbus.master.commissioning.patch_check import MS, RULES, CheckedPatch, Grade, PatchCheck
+from skinbus.master.commissioning.patch_check import MS, RULES, Grade, PatchCheck
 from skinbus.node import Device
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects.eds import eds_names, find_eds, load_eds
@@ -46,8 +46,8 @@ def check(board, eds="skin-patch", wire=None, rules=RULES, n_syncs=50, ask=None)
     """Return what came of each rule by its name."""
     wire = wire or VirtualBus(1_000_000, data_bitrate=2_000_000)
     wire.attach(board)
-    patch = CheckedPatch(NODE, load_eds(eds, NODE), 5 * MS, n_syncs, ask)
-    core = PatchCheck(patch, rules, destructive=True)
+    od = load_eds(eds, NODE)
+    core = PatchCheck(NODE, od, 5 * MS, rules, n_syncs=n_syncs, ask=ask, destructive=True)
     wire.attach(core)
     wire.run(wire.now_ns + LIMIT_NS)
     assert [result.rule for result in core.results] == list(rules)
@@ -70,7 +70,7 @@ def test_stored_parameters_are_kept_unless_their_loss_is_accepted():
     wire = VirtualBus()
     board = device()
     wire.attach(board)
-    core = PatchCheck(CheckedPatch(NODE, load_eds("skin-patch", NODE), 5 * MS, 50), RULES)
+    core = PatchCheck(NODE, load_eds("skin-patch", NODE), 5 * MS, RULES, n_syncs=50)
     wire.attach(core)
     wire.run(LIMIT_NS)
     assert core.passed
