@@ -43,11 +43,6 @@ def cycle(gather, t_ms, frames):
     return gather.close().tolist()
 
 
-def test_all_frames_of_a_cycle_make_a_patch_fresh(gather):
-    assert cycle(gather, 0, frames_of(gather, 1)) == [True]
-    assert cycle(gather, 20, frames_of(gather, 2)) == [True]
-
-
 def test_frame_that_comes_a_cycle_late_never_makes_readings_of_two_cycles(gather):
     first, second = frames_of(gather, 1), frames_of(gather, 2)
     assert cycle(gather, 0, first[:3]) == [False]

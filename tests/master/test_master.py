@@ -2,11 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from skinbus.can.event import EventKind
-from skinbus.can.frame import Frame
 from skinbus.config.arm_file import find_arm
 from skinbus.master.level_control import with_level
 from skinbus.master.patches.table import PatchState
@@ -110,30 +107,3 @@ def test_contact_of_an_unplugged_patch_coasts_says_so_and_is_the_same_when_it_is
     forearm.run(700)
     assert set(before) <= set(forearm.reports[-1].ids.tolist())
     assert get(0x3001, 28) == forearm.reports[-1].tracks.identity[0]
-
-
-RIG = Rig("pad")
-RIG.run(1000)
-
-IDS = st.one_of(
-    st.sampled_from(
-        [0x000, 0x080, 0x081, 0x181, 0x281, 0x381, 0x481, 0x581, 0x601, 0x67F, 0x5FF, 0x701, 0x77F, 0x7E5]
-    ),
-    st.integers(0, 0x7FF),
-)
-
-
-@pytest.mark.slow
-@settings(max_examples=300, deadline=None)
-@given(st.lists(st.tuples(IDS, st.binary(max_size=8), st.sampled_from([0, 0, 0, 1, 2])), max_size=8))
-def test_frames_that_are_no_reading_change_no_reading(frames):
-    readings = RIG.master.gather.plan.cob_ids
-    counts = RIG.master.gather.counts.copy()
-    foreign = [
-        Frame(can_id, data, RIG.wire.clock.now_ns(), flags)
-        for can_id, data, flags in frames
-        if can_id not in readings or len(data) != 8 or flags
-    ]
-    step = RIG.master.step(RIG.wire.clock.now_ns(), foreign)
-    assert np.array_equal(RIG.master.gather.counts, counts)
-    assert step.wake_ns > 0

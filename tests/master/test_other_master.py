@@ -4,34 +4,18 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import EventKind
-from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.config.system import load_arm
 from skinbus.master import Master
 from skinbus.master.other_master import GONE_NS
 from skinbus.objects.cia import EmcyCode
 from tests.master.commission import Bench, patch
+from tests.master.misbehaving_rig import Foreign
 from tests.master.rig import MS, Rig
 
 SYNC = 0x080
 ARM = load_arm("pad")
-
-
-class Stranger(Core):
-    """Sends SYNC every so often, for some time."""
-
-    cob_ids = frozenset()
-
-    def __init__(self, begin_ns, end_ns, period_ns):
-        self.next_ns, self.end_ns, self.period_ns = begin_ns, end_ns, period_ns
-
-    def step(self, now_ns, frames):
-        if now_ns < self.next_ns:
-            return Step((), (), self.next_ns)
-        self.next_ns += self.period_ns
-        return Step([Frame(SYNC)], (), self.next_ns if self.next_ns < self.end_ns else NEVER)
 
 
 def emcy(frames):
@@ -43,7 +27,7 @@ def test_another_master_is_reported_once_when_it_comes_and_once_when_it_is_gone(
     rig.run(1000)
     assert not [event for event in rig.events if event.kind.startswith("other-master")]
     begin_ns = rig.wire.now_ns + 3 * MS
-    rig.wire.attach(Stranger(begin_ns, begin_ns + 500 * MS, 17 * MS))
+    rig.wire.attach(Foreign(1000 / 17, begin_ns, begin_ns + 500 * MS))
     reports, events, frames = rig.run(500)
     assert [event.kind for event in events if event.kind.startswith("other-master")] == [
         EventKind.OTHER_MASTER

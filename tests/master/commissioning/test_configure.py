@@ -4,9 +4,7 @@ import struct
 
 import pytest
 
-from skinbus.can.core import Core, Step
 from skinbus.can.event import EventKind
-from skinbus.can.frame import Frame
 from skinbus.master.patches.provisioning import Change, Configurer, Provision, expected_node
 from skinbus.node import Device
 from skinbus.node.storage import MemoryStorage
@@ -14,6 +12,8 @@ from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 from skinbus.objects.settings import freeze
 from tests.master.commission import Bench, patch
+from tests.master.misbehaving import Wrapped
+from tests.master.misbehaving_rig import Foreign
 
 TOUCH, RELEASE = (0x2030, 1), (0x2030, 2)
 THRESHOLD = freeze({"Touch Pa": 1500})
@@ -95,15 +95,8 @@ def test_patch_that_cannot_store_says_so():
     assert device.get(*TOUCH) == 1500
 
 
-class Liar(Core):
+class Liar(Wrapped):
     """A patch that takes a value and keeps another."""
-
-    def __init__(self, device):
-        self.device = device
-
-    @property
-    def cob_ids(self):
-        return self.device.cob_ids
 
     def step(self, now_ns, frames):
         step = self.device.step(now_ns, frames)
@@ -132,17 +125,8 @@ def test_what_the_arm_file_no_longer_names_goes_back_to_its_default(settings):
     assert device.get(*RELEASE) == default
 
 
-class Master(Core):
-    """Something that sends SYNC."""
-
-    cob_ids = frozenset()
-
-    def step(self, now_ns, frames):
-        return Step([Frame(cia.SYNC_ID)], (), now_ns + 20_000_000)
-
-
 def test_nothing_is_sent_while_a_master_is_at_work():
-    bench = Bench(patch(3), Master())
+    bench = Bench(patch(3), Foreign(50.0, 0, 2**60))
     core = Configurer(plans([3]))
     events = bench.run(core)
     assert [event.kind for event in events][:1] == [EventKind.OTHER_MASTER]

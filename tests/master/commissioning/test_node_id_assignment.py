@@ -11,6 +11,8 @@ from skinbus.node.storage import MemoryStorage
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 from tests.master.commission import Bench, patch
+from tests.master.misbehaving import Late, Wrapped
+from tests.master.misbehaving_rig import Foreign
 
 UNCONFIGURED = 255
 VENDOR, PRODUCT, REVISION = 0x534B4E42, 0x5001, 0x10000
@@ -72,11 +74,7 @@ REFUSAL = b"\x11\x01".ljust(8, b"\0")
 def refuses(device):
     """Let a node answer "out of range" to every node-ID; as one whose memory is locked does."""
 
-    class Locked(Core):
-        @property
-        def cob_ids(self):
-            return device.cob_ids
-
+    class Locked(Wrapped):
         def step(self, now_ns, frames):
             # in place of being given a node-ID it is asked for its own: it answers both in one mode only
             asked = [self.replaced(f, cia.LSS_MASTER_ID, b"\x11", ASK_NODE_ID) for f in frames]
@@ -90,7 +88,7 @@ def refuses(device):
         def replaced(frame, can_id, begin, data):
             return frame._replace(data=data) if (frame.can_id, frame.data[:1]) == (can_id, begin) else frame
 
-    return Locked()
+    return Locked(device)
 
 
 @pytest.mark.parametrize(
@@ -140,23 +138,6 @@ def test_node_id_of_a_stranger_is_not_given_again():
     assert (device.node_id, stranger.node_id) == (UNCONFIGURED, 2)
 
 
-class Late(Core):
-    """A node that takes a little longer to answer, as real ones do; to ``deaf_to`` it does not answer."""
-
-    cob_ids = frozenset()
-
-    def __init__(self, device, deaf_to=b""):
-        self.device, self.deaf_to = device, deaf_to
-        self.cob_ids = device.cob_ids
-        self.waiting = ()
-
-    def step(self, now_ns, frames):
-        step = self.device.step(now_ns, [f for f in frames if f.data[:1] not in (*self.deaf_to,)])
-        self.cob_ids = self.device.cob_ids
-        out, self.waiting = self.waiting, step.frames
-        return Step(out, (), now_ns + 1_000_000 if self.waiting else step.wake_ns)
-
-
 def reset(bench, *devices):
     """Reset those that have a node-ID: what LSS gave them comes into use; others have used it at once."""
     for device in devices:
@@ -187,11 +168,9 @@ def test_known_nodes_with_one_identity_keep_what_they_have_after_a_reset_too(nod
 def test_node_whose_answer_to_its_node_id_is_lost_has_what_it_had_when_it_was_switched_off_and_on(node_id):
     storage = MemoryStorage()
 
-    class Mute(Core):
+    class Mute(Wrapped):
         """Does what it is told; its first answer to a node-ID is lost."""
 
-        device = patch(node_id, storage=storage, serial=1)
-        cob_ids = property(lambda self: self.device.cob_ids)
         n_lost = 0
 
         def step(self, now_ns, frames):
@@ -200,7 +179,7 @@ def test_node_whose_answer_to_its_node_id_is_lost_has_what_it_had_when_it_was_sw
             self.n_lost += len(step.frames) - len(out)
             return step._replace(frames=out)
 
-    mute = Mute()
+    mute = Mute(patch(node_id, storage=storage, serial=1))
     core = Assigner(known=[Known(address(1), 9)] if node_id == 5 else [], free=[9])
     bench = Bench(mute)
     bench.run(core)
@@ -227,16 +206,9 @@ def test_node_that_cannot_store_has_its_node_id_until_it_is_switched_off():
     assert "cannot store" in result.reason
 
 
-class Sync(Core):
-    cob_ids = frozenset()
-
-    def step(self, now_ns, frames):
-        return Step([Frame(cia.SYNC_ID)], (), now_ns + 20_000_000)
-
-
 def test_nothing_is_changed_while_a_master_is_at_work():
     device = patch(UNCONFIGURED, serial=1)
-    bench = Bench(device, Sync())
+    bench = Bench(device, Foreign(50.0, 0, 2**60))
     core = Assigner(free=[1])
     bench.run(core)
     with pytest.raises(BusError, match="a master is at work"):

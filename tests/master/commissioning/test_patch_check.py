@@ -84,10 +84,6 @@ def is_tpdo(frame):
     return frame.can_id in (0x185, 0x285, 0x385, 0x485)
 
 
-def spoil(test, **changes):
-    return lambda frame: frame._replace(**changes) if test(frame) else frame
-
-
 def lose(test):
     return lambda frame: None if test(frame) else frame
 
@@ -98,10 +94,6 @@ def is_boot_up(frame):
 
 def is_abort(frame):
     return frame.can_id == 0x585 and frame.data[:1] == b"\x80"
-
-
-def late(ms):
-    return lambda frame: frame._replace(t_ns=frame.t_ns + ms * MS) if frame.can_id == 0x485 else frame
 
 
 def beats_late():
@@ -121,9 +113,6 @@ def beats_late():
 BROKEN = {
     "no boot-up": (lose(is_boot_up), {"boot-up"}),
     "heartbeat off its period": (beats_late(), {"heartbeat"}),
-    "a TPDO is missing": (lose(lambda f: f.can_id == 0x385), {"readings"}),
-    "a TPDO is late": (late(8), {"readings"}),
-    "a TPDO is too short": (spoil(lambda f: f.can_id == 0x185, data=bytes(6)), {"readings"}),
     "no EMCY": (lose(lambda f: f.can_id == 0x85), {"EMCY"}),
     "no LSS": (lose(lambda f: f.can_id == 0x7E4), {"LSS"}),
     "wrong abort codes": (

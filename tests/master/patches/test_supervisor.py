@@ -9,7 +9,7 @@ from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
 from skinbus.objects.contacts import ContactState
 from tests.master.faults_rig import NODE, STATES, assert_all_well, emcy, last, wake
-from tests.master.rig import Rig
+from tests.master.rig import MS, Rig
 
 
 @pytest.fixture
@@ -170,23 +170,6 @@ def test_bus_dead_for_five_seconds_shows_nothing_stale_and_heals_by_itself(arm):
 
 
 @pytest.mark.slow
-def test_emcy_of_a_patch_is_5000_with_its_code_in_the_table_until_it_clears(arm):
-    device = arm.device(NODE)
-    device.emcy(0x5010)
-    wake(arm)
-    _, _, frames = arm.run(100)
-    assert (EmcyCode.HARDWARE, NODE) in emcy(frames)
-    assert arm.master.device.get(0x2302, NODE) == 0x5010
-    assert arm.state(NODE) == STATES.OPERATIONAL
-    device.emcy_clear(0x5010)
-    wake(arm)
-    _, _, frames = arm.run(100)
-    assert emcy(frames)[-1][0] == EmcyCode.NO_ERROR
-    assert arm.master.device.get(0x2302, NODE) == 0
-    assert_all_well(arm)
-
-
-@pytest.mark.slow
 def test_reading_of_wrong_length_is_8210_changes_nothing_and_is_over_with_a_good_one(arm):
     while not arm.master.gather.is_open:
         arm.run(0.05)
@@ -242,4 +225,27 @@ def test_patch_that_lives_but_sends_nothing_is_reset_until_it_sends(arm):
     _, _, frames = arm.run(2000)
     assert len([frame for frame in frames if frame.can_id == 0 and frame.data == resets]) == 1
     assert device.get(0x1800, 2) == transmission
+    assert_all_well(arm)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("reset", [cia.NmtCommand.RESET_COMMUNICATION, cia.NmtCommand.RESET_NODE])
+def test_emcy_between_boot_up_and_start_is_shown_until_the_patch_takes_it_back(arm, reset):
+    device = arm.device(NODE)
+    arm.say(Frame(cia.NMT_COMMAND_ID, bytes([reset, NODE])))
+    row = arm.scene.arm.patch_at(NODE)
+    while arm.master.table.state[row] != STATES.BOOTING and arm.wire.now_ns < 600 * MS:
+        arm.run(0.1)
+    device.emcy(0x5010)
+    wake(arm)
+    _, _, frames = arm.run(200)
+    assert arm.state(NODE) == STATES.OPERATIONAL
+    assert arm.master.device.get(0x2302, NODE) == 0x5010
+    assert emcy(frames)[-1][0] == EmcyCode.NO_ERROR  # of its reboot: that is over
+    assert arm.master.device.get(cia.ERROR_REGISTER, 0) != 0
+    device.emcy_clear(0x5010)
+    wake(arm)
+    _, _, frames = arm.run(100)
+    assert [code for code, _ in emcy(frames)] == [EmcyCode.NO_ERROR]
+    assert arm.master.device.get(0x2302, NODE) == 0
     assert_all_well(arm)
