@@ -107,7 +107,8 @@ class Recorded(Replayed):
             return True
         others = ", ".join(sorted(self.recording.elsewhere))
         also = f" It also holds {others}: see --channel." if others else ""
-        echo(f"no patch of {self.arm.name} sent readings: is it the log of another arm?{also}", err=True)
+        why = "no SYNC is in it." if self.recording.sync.bus is None else "is it the log of another arm?"
+        echo(f"no patch of {self.arm.name} answered a SYNC with readings: {why}{also}", err=True)
         return False
 
     def summary(self) -> Iterator[str]:

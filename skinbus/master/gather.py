@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from skinbus.can.frame import FrameBatch
 from skinbus.master.freshness import Freshness
@@ -44,8 +43,8 @@ class FrameCounters:
 class Gather:
     """Collects the frames of the open cycle; works in arrays allocated once."""
 
-    def __init__(self, plan: ReadingsPlan, n_tactels: int, freshness: Freshness | None = None) -> None:
-        """``freshness`` decides which frames answer the SYNC of their cycle; by default all do."""
+    def __init__(self, plan: ReadingsPlan, n_tactels: int, freshness: Freshness) -> None:
+        """``freshness`` decides which frames answer the SYNC of their cycle."""
         self.plan = plan
         self.counters = FrameCounters()
         self.counts = np.zeros(n_tactels, np.int32)
@@ -57,7 +56,6 @@ class Gather:
         """(n_patches,) PDOs of wrong length since the start."""
         self.is_open = False
         self.freshness = freshness
-        self._answers = freshness.answers if freshness else None
         self._stamps = plan.new_stamps()
         (self._with_status,) = np.nonzero(plan.stamped[:, 1])
         self.owing = np.zeros(n_patches, np.bool_)
@@ -81,11 +79,7 @@ class Gather:
     @property
     def has_sent(self) -> Mask:
         """Return which patches have sent all TPDOs since the newest SYNC, for whichever, (n_patches,)."""
-        return np.asarray((self._came & self.plan.expected) == self.plan.expected)
-
-    @property
-    def _came(self) -> npt.NDArray[np.int32]:
-        return self._answers.came if self._answers else self.seen
+        return np.asarray((self.freshness.answers.came & self.plan.expected) == self.plan.expected)
 
     def open(self, now_ns: int, owing: Mask) -> None:
         """Begin a cycle that waits until the patches in ``owing`` (n_patches,) have sent all their TPDOs."""
@@ -117,7 +111,7 @@ class Gather:
         if batch.n == 0:
             return
         accepted, unknown, bad_length = self.plan.unpack(
-            batch, self.counts, self.seen, self.bad_length, self._stamps, self._answers
+            batch, self.counts, self.seen, self.bad_length, self._stamps, self.freshness.answers
         )
         self.counters.accepted += accepted
         self.counters.unknown += unknown
@@ -138,7 +132,7 @@ class Gather:
 
     def close(self) -> Mask:
         """End the cycle and return which patches are fresh: every TPDO came in answer to this SYNC."""
-        missed = self.owing * (self.plan.expected & ~self._came)
+        missed = self.owing * (self.plan.expected & ~self.freshness.answers.came)
         # What the machine dropped is counted already.
         self.counters.missing += max(int(np.bitwise_count(missed).sum()) - self._n_dropped, 0)
         self.is_open = False
@@ -146,7 +140,7 @@ class Gather:
         if len(self._with_status):
             is_unusable = self._stamps[self._with_status, 1] & UNUSABLE != 0
             fresh[self.plan.pdo_patch[self._with_status[is_unusable]]] = False
-        return self.freshness.judge(fresh) if self.freshness else fresh
+        return self.freshness.judge(fresh)
 
     def _take_late(self, n: int, batch: FrameBatch) -> None:
         """Count n frames of a closed cycle, those in the batch: they answer its SYNC, or one before."""
@@ -155,11 +149,9 @@ class Gather:
         counts, seen = (
             (self._unused_counts, np.zeros_like(self.seen)) if self.is_open else (self.counts, self.seen)
         )
-        if self.freshness:
-            self.freshness.take_back(self.is_open)
-        self.plan.unpack(batch, counts, seen, None, None, self._answers)
-        if self.freshness:
-            self.freshness.take_back(-self.is_open)
+        self.freshness.take_back(self.is_open)
+        self.plan.unpack(batch, counts, seen, None, None, self.freshness.answers)
+        self.freshness.take_back(-self.is_open)
 
     def _missing(self) -> int:
         return int(np.bitwise_count(self.plan.expected[self.owing] & ~self.seen[self.owing]).sum())

@@ -47,7 +47,7 @@ class Master(Core):
 
     ``stopwatch`` measures the compute time that is published.
     ``clock`` measures the estimator within a cycle: it has ``budget_us``, or what the period leaves if
-    that is less. Without a clock there is no limit. ``start`` is the estimator's: "maxima" or "random".
+    that is less. Without a clock there is no limit.
     With ``follows`` it sends no SYNC and boots no patch: cycles begin with the SYNCs on the bus, and all
     readings in answer to them are taken as fresh, which a listener or a replay cannot verify.
     ``available`` is the highest level whose kernels are compiled, until ``allow`` raises it.
@@ -64,11 +64,10 @@ class Master(Core):
         clock: Clock | None = None,
         node_id: int = MASTER_NODE_ID,
         number: int | None = None,
-        start: str = "maxima",
         zero_at_start: bool = False,
         follows: bool = False,
         stopwatch: Callable[[], int] = lambda: 0,
-        on_cycle: Callable[[CycleReport], None] | None = None,
+        on_cycle: Callable[[CycleReport], None] = lambda report: None,
     ) -> None:
         check_arm(arm)
         if node_id in arm.node_id:
@@ -82,7 +81,7 @@ class Master(Core):
         self.table = PatchTable(arm.n_patches)
         self.freshness = Freshness(plan, self.period_ns, follows=follows, overflow=arm.bus.sync_counter)
         self.gather = Gather(plan, arm.n_tactels, self.freshness)
-        estimator = Estimator(arm, level=available or level, clock=clock, start=start)
+        estimator = Estimator(arm, level=available or level, clock=clock)
         slowest = min(bus.bitrate for bus in arm.buses)
         self.level_control = LevelControl(
             self.period_ns, slowest, level, available, budget_us=budget_us, is_timed=clock is not None
@@ -278,23 +277,17 @@ class Master(Core):
         self._counter = counter or self._counter % MAX_COUNTER + 1  # a SYNC without counter is counted here
         self._sync_ns = now_ns
         self._deadline = now_ns + round(DEADLINE * self.period_ns)
-        answering = self._answering()
+        is_lost = np.array([branch.is_lost for branch in self.branches])[self.arm.patch_bus]
+        is_running = self.table.is_running
+        answering = np.asarray((is_running | self._follows) & ~is_lost)
         if self._follows:  # they may be started unseen, and are not behind then
-            self.freshness.forget(~self.table.is_running)
+            self.freshness.forget(~is_running)
         self._n_left_out = GAP - 1 if self.freshness.open(now_ns, answering, counter) else 0
         if self._n_left_out:
             self.device.skip_sync()
-        self.gather.open(now_ns, self._owing(answering))
-
-    def _answering(self) -> Mask:
-        """Return the patches that answer this SYNC if nothing is wrong: not those whose bus is lost."""
-        is_lost = np.array([branch.is_lost for branch in self.branches])[self.arm.patch_bus]
-        return np.asarray((self.table.is_running | self._follows) & ~is_lost)
-
-    def _owing(self, answering: Mask) -> Mask:
-        """Return the patches that this cycle waits for; silent ones only when they have answered in full."""
-        operational = self.table.state == PatchState.OPERATIONAL
-        return np.asarray(answering & self.table.is_running & (operational | self.gather.has_answered))
+        # silent ones are waited for only when they have answered in full
+        is_heard = (self.table.state == PatchState.OPERATIONAL) | self.gather.has_answered
+        self.gather.open(now_ns, answering & is_running & is_heard)
 
     def _close(self, now_ns: int) -> None:
         """Close the cycle: estimate from what is fresh, publish, report."""
@@ -312,7 +305,11 @@ class Master(Core):
         on_robot = None
         if self.robot:
             on_robot = self.robot.close(self._sync_ns, contacts, tracks, is_blind=not fresh.any())
-        self._show(now_ns)
+        self.publisher.loads(self.cycle.loads)
+        self.publisher.frames(self.gather.counters)
+        for branch in self.branches:
+            self.publisher.patches(branch.number, now_ns, branch.table)
+            branch.show(now_ns)
         end = clock()
         latency_ns = waited_ns + end - begin
         flags, said = self.level_control.close(
@@ -348,8 +345,7 @@ class Master(Core):
         )
         self._compute_ns = 0
         self.publisher.summary(report, self.level_control, n_faulty)
-        if self._on_cycle:
-            self._on_cycle(report)
+        self._on_cycle(report)
 
     def _collect(self, now_ns: int) -> Mask:
         """Return the patches (n_patches,) whose readings may be used."""
@@ -361,14 +357,6 @@ class Master(Core):
             fresh[own] &= ~branch.is_disturbed(self.freshness.started_ns[own])
             branch.readings(now_ns, self.gather, fresh[own], self.freshness.is_doubled[own])
         return fresh
-
-    def _show(self, now_ns: int) -> None:
-        """Write all objects but those of contacts and the summary."""
-        self.publisher.loads(self.cycle.loads)
-        self.publisher.frames(self.gather.counters)
-        for branch in self.branches:
-            self.publisher.patches(branch.number, now_ns, branch.table)
-            branch.show(now_ns)
 
 
 def _has_sync(frames: Sequence[Frame]) -> bool:

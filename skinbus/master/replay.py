@@ -104,7 +104,7 @@ class Replay:
         arm: Arm,
         *,
         sync_bus: int | None = 0,
-        on_cycle: Callable[[CycleReport], None] | None = None,
+        on_cycle: Callable[[CycleReport], None] = lambda report: None,
         on_frames: Callable[[Sequence[Frame]], object] = lambda frames: None,
         on_event: Callable[[Event], object] = lambda event: None,
         **settings: Any,

@@ -95,8 +95,15 @@ class _Objects:
         records = device.values.rows(od[profile.contact(1).object].index, profile.MAX_CONTACTS)
         fields: Any = records.dtype.fields
         start, end = fields[FIRST][1], fields[LAST][1] + 4
-        whole = records.view(np.uint8).reshape(len(records), -1)
-        self._block: npt.NDArray[np.uint8] = whole[:, start:end]
+        block = np.dtype(
+            {
+                "names": ["block"],
+                "formats": [((np.float32, ((end - start) // 4,)))],
+                "offsets": [start],
+                "itemsize": records.dtype.itemsize,
+            }
+        )
+        self._block: npt.NDArray[np.float32] = records.view(block)["block"]
         self._valid: npt.NDArray[np.uint8] = records["Robot valid"]
 
         def view(name: profile.Name, n: int = n_joints) -> npt.NDArray[Any]:
@@ -121,8 +128,7 @@ class _Objects:
         slots = slots[is_seen]
         self._valid[:] = 0  # a place of a contact that is not seen now would be that of another pose
         self._valid[slots] = self._is_valid[0] = 1
-        block = np.ascontiguousarray(placed.records()[rows[is_seen]], np.float32)
-        self._block[slots] = block.view(np.uint8)
+        self._block[slots] = placed.records()[rows[is_seen]]
         deviation = np.sqrt(np.maximum(np.diag(placed.torque_covariance), 0.0))
         values = placed.positions, placed.torques, deviation, placed.base_wrench
         for column, value in zip(self._columns, values, strict=True):

@@ -143,15 +143,22 @@ def test_events_are_reported_at_their_times(field, tmp_path):
     assert "patch-back" in later
 
 
+def test_readings_without_sync_are_no_cycles_and_it_is_said(field, tmp_path):
+    path = changed(tmp_path, [format_line(f) for f in frames_in(field) if f.can_id in READINGS])
+    result = replay(path, "--arm", "pad")
+    assert result.exit_code == 1
+    assert "no SYNC is in it" in result.output
+
+
 def test_patches_that_sent_nothing_are_named_and_another_arm_is_a_no(field, tmp_path):
     some = replay(field, "--arm", "forearm")
     assert some.exit_code == 0
     assert "at 100 Hz (the arm file says 50)" in some.output
     assert "no readings of nodes 2-24" in some.output
-    path = changed(tmp_path, [format_line(Frame(0x123, bytes(8), n * MS)) for n in range(100)])
+    path = changed(tmp_path, [format_line(Frame(0x80, b"", n * MS)) for n in range(100)])
     none = replay(path, "--arm", "pad")
     assert none.exit_code == 1
-    assert "no patch of pad sent readings" in none.output
+    assert "no patch of pad answered a SYNC with readings: is it the log of another arm?" in none.output
 
 
 PAUSES = "\n".join(format_line(Frame(0x80, b"", k * 2311 % 7000 * 1000)) for k in range(1000))
