@@ -90,7 +90,7 @@ class Replayed:
         *,
         level: str,
         zero: bool,
-        on_event: Callable[[Event], Any] | None = None,
+        on_event: Callable[[Event], Any] = lambda event: None,
     ) -> None:
         """Begin; the same errors as of a ``Recording``."""
         self.recording = Recording(log, arm, channels)
