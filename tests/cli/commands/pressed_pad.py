@@ -13,7 +13,7 @@ SEED = 20261123
 @contextmanager
 def pressed_pad(bus, then=None):
     """A board on a bus of this process, pressed in its middle; ``then`` is called after six."""
-    arm, _ = mounted(load_arm("pad"), SEED, n_mirrored=0)
+    arm = mounted(load_arm("pad"), SEED)
     scene = pressed_scene(arm)
     over = threading.Event()
     person = Person(arm, SEED)

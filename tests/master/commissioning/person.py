@@ -53,32 +53,20 @@ def pressed_scene(arm, effects=()):
     return scene
 
 
-def mounted(plan, seed, *, place_mm=3.0, yaw_deg=3.0, n_mirrored=2):
-    """The arm as it was mounted: boards in random order, turned by quarters, off by a little, some mirrored.
+def mounted(plan, seed, *, place_mm=3.0):
+    """The arm as it was mounted: boards in random order, off by a little, turned by quarters.
 
     Board k of the answer sits where patch k of the plan was to be.
     """
     rng = np.random.default_rng(seed)
-    node_ids = rng.permutation(plan.node_id)
-    serials = rng.choice(1 << 31, plan.n_patches, replace=False) + 1
-    mirrored = np.isin(np.arange(plan.n_patches), rng.permutation(plan.n_patches)[:n_mirrored])
+    node_ids = rng.permutation(plan.node_id).tolist()
+    serials = (rng.choice(1 << 31, plan.n_patches, replace=False) + 1).tolist()
     patches = []
-    for k, placed in enumerate(plan.patches):
-        ds, da = 1e-3 * place_mm * rng.standard_normal(2)
-        yaw = 0.5 * math.pi * rng.integers(4) + math.radians(yaw_deg) * rng.standard_normal()
-        patch = placed.patch.mirrored() if mirrored[k] else placed.patch
-        patches.append(
-            replace(
-                placed,
-                patch=patch,
-                node_id=int(node_ids[k]),
-                serial=int(serials[k]),
-                s=placed.s + ds,
-                a=placed.a + da,
-                yaw=math.remainder(placed.yaw + yaw, math.tau),
-            )
-        )
-    return Arm(plan.name, plan.links, patches, *plan.buses), mirrored
+    for placed, node_id, serial in zip(plan.patches, node_ids, serials, strict=True):
+        (ds, da), yaw = 1e-3 * place_mm * rng.standard_normal(2), 0.5 * math.pi * rng.integers(4)
+        place = {"s": placed.s + ds, "a": placed.a + da, "yaw": placed.yaw + yaw}
+        patches.append(replace(placed, node_id=node_id, serial=serial, **place))
+    return Arm(plan.name, plan.links, patches, *plan.buses)
 
 
 class Hand:

@@ -28,7 +28,7 @@ class Story:
     def __init__(self, name="forearm", seed=SEED, found=None):
         print(f"seed {seed}")
         self.plan, self.mountings, places, kinds = prepared(name)
-        self.arm, _ = mounted(self.plan, seed)
+        self.arm = mounted(self.plan, seed)
         self.hand, self.person = Hand(self.arm, seed + 1), Person(self.arm, seed + 2)
         self.order = np.argsort(self.arm.node_id)
         """Boards by node-ID, as a scan finds them."""

@@ -39,7 +39,7 @@ def test_boards_are_the_nodes_of_the_kinds_of_the_arm(pad):
 
 
 def test_a_press_is_read_and_no_contact_is_published(pad):
-    arm, _ = mounted(pad, SEED, n_mirrored=0)
+    arm = mounted(pad, SEED)
     scene = pressed_scene(arm)
     wire, frames, cycles = VirtualBus(), [], []
     wire.attach(World(scene))
