@@ -62,33 +62,25 @@ class Freshness:
         """With ``follows`` the gaps are another master's, if it makes any; ``overflow`` is 0x1019."""
         n = plan.n_patches
         self.answers = plan.answers()
-        self.is_behind = np.zeros(n, np.bool_)
-        """(n_patches,) patches that had not answered all earlier SYNCs when the newest one came."""
-        self.is_doubled = np.zeros(n, np.bool_)
-        """(n_patches,) patches of which frames came in the cycle before that answer no SYNC, as of a second
-        board."""
-        self._was_doubled = np.zeros(n, np.bool_)  # and has not shown since that it is not
-        self.started_ns = np.zeros(n, np.int64)
-        """(n_patches,) when patches last began to run."""
-        self._forgotten = np.zeros(n, np.bool_)
         self._plan = plan
         self._n_pdos = np.bitwise_count(plan.expected).astype(np.int32)
         self._period_ns = period_ns
         self._follows = follows
         self._has_stamps = overflow >= LEAST_OVERFLOW
-        self._opened_ns = -LONGEST_NS
-        self._gap_ns = -LONGEST_NS
-        self._was_answering = np.zeros(n, np.bool_)
-        self._starts = np.zeros(n, np.int64)
+        self._opened_ns = self._gap_ns = -LONGEST_NS
         self._is_quiet = True
-        # by patch: newest trouble, when a gap may be made, pause before the next, until when it is unusable
-        self._trouble_ns = np.full(n, -LONGEST_NS)
-        self._ready_ns = np.zeros(n, np.int64)
-        self._wait_ns = np.full(n, CALM_NS)
-        self._unusable_ns = np.zeros(n, np.int64)
-        self._unproven = np.zeros(n, np.bool_)  # until a gap, or a start
-        self._eager_ns = np.zeros(n, np.int64)  # until when no gap is put off
-        self._is_babbled = np.zeros(n, np.bool_)
+        # by patch: it had not answered all earlier SYNCs when the newest one came; frames came in the cycle
+        # before that answer no SYNC, as of a second board
+        self.is_behind, self.is_doubled = np.zeros((2, n), np.bool_)
+        # it was doubled, or a node babbled, and it has not shown since that it is not; what its account says
+        # is not proven before a gap, or a start
+        self._was_doubled, self._is_babbled, self._unproven = np.zeros((3, n), np.bool_)
+        self._was_answering, self._forgotten = np.zeros((2, n), np.bool_)
+        # how often it began to run, and when last; when a gap may be made, until when it is unusable, and
+        # until when no gap is put off; newest trouble, pause before the next gap
+        self._starts, self.started_ns = np.zeros((2, n), np.int64)
+        self._ready_ns, self._unusable_ns, self._eager_ns = np.zeros((3, n), np.int64)
+        self._trouble_ns, self._wait_ns = np.full(n, -LONGEST_NS), np.full(n, CALM_NS)
 
     def open(self, now_ns: int, answering: Mask, counter: int = 0) -> bool:
         """Count a SYNC for the patches in ``answering`` (n_patches,); return whether to skip the next.

@@ -47,7 +47,7 @@ class Gather:
         """``freshness`` decides which frames answer the SYNC of their cycle."""
         self.plan = plan
         self.counters = FrameCounters()
-        self.counts = np.zeros(n_tactels, np.int32)
+        self.counts, self._unused_counts = np.zeros((2, n_tactels), np.int32)
         """Newest counts of every tactel; stale where ``close`` says so."""
         n_patches = len(plan.expected)
         self.seen = np.zeros(n_patches, np.int32)
@@ -64,7 +64,6 @@ class Gather:
         self._n_got = 0  # frames decoded since what is owed was last counted
         self._opened_ns = 0
         self._n_dropped = 0  # in this cycle
-        self._unused_counts = np.zeros(n_tactels, np.int32)
 
     @property
     def n_owed(self) -> int:

@@ -62,13 +62,9 @@ class PatchTable:
 
     def __init__(self, n_patches: int) -> None:
         self.state = np.full(n_patches, PatchState.ABSENT, np.uint8)
-        self.last_heard = np.zeros(n_patches, np.int64)
-        self.last_fresh = np.zeros(n_patches, np.int64)
-        self.missed = np.zeros(n_patches, np.int64)
+        self.last_heard, self.last_fresh, self.missed = np.zeros((3, n_patches), np.int64)
+        self.starts, self.restarts, self.serial = np.zeros((3, n_patches), np.int64)
         self.error = np.zeros(n_patches, np.uint16)
-        self.starts = np.zeros(n_patches, np.int64)
-        self.restarts = np.zeros(n_patches, np.int64)
-        self.serial = np.zeros(n_patches, np.int64)
         self.nmt = np.zeros(n_patches, np.uint8)
 
     def part(self, patches: slice) -> PatchTable:
