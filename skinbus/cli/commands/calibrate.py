@@ -142,10 +142,6 @@ def verdict(judged: Judgement, lines: Ints) -> str:
         )
     if judged.faults:
         said += ["refused:", *(f"  {_sentence(finding, lines)}" for finding in judged.faults)]
-        if judged.is_shifted:
-            said.append(
-                "  if the places of the presses are true, `skinbus calibrate locate` finds the boards"
-            )
     elif before * (SAME if is_known else 1.0 / WORTH) < place:
         said.append(
             f"keep the law that the boards have: at these presses it errs by {1e3 * before:.2f} mm, this one "

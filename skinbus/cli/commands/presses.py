@@ -65,7 +65,7 @@ def command(
 
     A press counts while its readings stand still for 0.15 s. The clocks need not agree: their offset is
     where the load of the skin goes with the force, or with a tool that stands still (and near, if its
-    height is known); it is printed with its standard deviation. Press for half a second or more, at uneven
+    height is known); it is printed. Press for half a second or more, at uneven
     times, and move between presses.
 
     Status 0: presses were written. 1: none were found, or the clocks cannot be joined. 2: bad file or
@@ -95,18 +95,15 @@ def command(
     except ValueError as error:
         echo(f"the clocks cannot be joined: {error}", err=True)
         sys.exit(1)
-    echo(
-        f"clock of the poses: {offset.s:+.3f} s to that of the skin (sd {1e3 * offset.sd:.0f} ms, "
-        f"correlation {offset.correlation:.2f})"
-    )
+    echo(f"clock of the poses: {offset.s:+.3f} s to that of the skin (correlation {offset.correlation:.2f})")
     if weight_n is not None or "force_n" not in pose:
         pose["force_n"] = np.full(len(pose["t_s"]), np.nan if weight_n is None else weight_n)
     columns = np.stack([pose["s"], pose["a"], pose["force_n"]], -1)
     presses: list[Press] = []
     holds, n_left = find_holds(t, load), 0
     for begin, end in holds:
-        margin = min(3.0 * offset.sd, 0.25 * (end - begin))
-        is_held = np.abs(pose["t_s"] + offset.s - 0.5 * (begin + end)) <= 0.5 * (end - begin) - margin
+        # the middle half of a hold, whatever the clocks are off by
+        is_held = np.abs(pose["t_s"] + offset.s - 0.5 * (begin + end)) <= 0.25 * (end - begin)
         own = columns[is_held]
         s, a, newton = own.mean(axis=0).tolist() if len(own) else (0.0, 0.0, 0.0)
         if newton <= 0.0 or np.ptp(own[:, :2], axis=0).max() > SLID:

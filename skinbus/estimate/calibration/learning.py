@@ -1,43 +1,98 @@
 """Calibration: the response of a skin from presses at known places and forces.
 
-A shared radial law, gain, width and offset of each tactel, the noise, the misfit over the distance
-(:mod:`.response`), and, where it predicts presses that it was not made from, a smooth map of what that leaves
-(:mod:`.residual_map`). Presses that deviate far more than the others are left out and listed. Calibration
-runs once, at a desk: numpy, not kernels.
+The model of reading j in press i, at distance d_ij from it::
+
+    p_ij = c_j F_i^e k(d_ij / w_j) + o_j + error,    var(error) = noise_j^2 + (c_j F_i^e m(d_ij))^2
+
+with gain c, width w and offset o of each tactel, drawn to 1, 1 and 0 by what real arrays scatter by, so that
+a tactel that presses tell little of keeps the shared profile. Place and force of a press err alike in all of
+its readings, so they are unknowns, too, drawn to what was said; by how much all these are drawn the presses
+refine. k is a table smoothed by a penalty on its third differences, whose weight generalised cross-validation
+chooses; m, the misfit, is a profile over the distance: a law is most wrong where it predicts next to nothing.
+
+Gauss-Newton improves law, tactels and presses in turn; between its steps the variances are estimated anew,
+Huber's weights hold large residuals back, and presses that deviate far more than others are left out. What
+the law leaves may belong to a smooth map (:mod:`.residual_map`). Calibration runs once, at a desk: numpy,
+not kernels.
+
+Assumption: fewer than a tenth of the presses are outliers.
+Source: P. Craven, G. Wahba, Smoothing noisy data with spline functions (1979), doi:10.1007/BF01404567;
+P. Huber, Robust Statistics (1981), 7.8, for weights by residuals; S. Van Huffel, P. Lemmerling, Total Least
+Squares and Errors-in-Variables Modeling (2002), for presses.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicHermiteSpline
+from scipy.sparse import csr_array
 
-from skinbus.estimate.calibration.residual_map import MAP_REACH, SmoothResiduals, smooth_residuals
-from skinbus.estimate.calibration.response import MIN_READINGS, POINTS, Readings, Response
+from skinbus.estimate.calibration.residual_map import MAP_REACH, MAP_STEP, residual_maps
 from skinbus.estimate.kernels.layout import limit_of
 from skinbus.model import Arm, Radial, ResidualMap
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.intp]
+Bools = npt.NDArray[np.bool_]
 
-REACH = 0.030
+POINTS: Final = 64
+"""Points of the table: what the EDS of a patch holds."""
+REACH: Final = 0.030
 """Distance at which the table ends at first, m: five times the usual thickness of a cover."""
-TRIM = 0.002
+STEP: Final = REACH / (POINTS - 1)
+"""m, of the table."""
+TRIM: Final = 0.002
 """The table is cut where k stays below this part of its peak: a fifth of the usual noise of 1 %."""
-MIN_FORCE_RATIO = 1.3
+MIN_FORCE_RATIO: Final = 1.3
 """The exponent is learned when the largest force is so many times the smallest; else it is 1."""
-MAX_ITERATIONS = 60
-CHOICES, WIDTHS = 12, 24
-"""Iterations in which the weight of the penalty is chosen and the variances are estimated anew; after that
-they stay, and then the widths, too. Where no radial law is true (a cone, whose reach grows with the force),
-two weights can alternate for ever, and readings change between quiet and pressed."""
-SETTLED = 3
-"""Iterations after which outliers are looked for: before, the profile is not one."""
-TOLERANCE = 1e-5
-"""Of the peak: a hundredth of what readings resolve."""
+MIN_READINGS: Final = 20
+"""Fewer usable readings than this cannot carry a profile, or a point of the misfit."""
+ROUNDS, MAX_ROUNDS = 12, 60
+"""Rounds in which variances, outliers and the penalty are chosen anew, and all: with weights that stay it is
+least squares, which converges, where no radial law is true, too."""
+SETTLED: Final = 3
+"""Rounds after which presses move and outliers are looked for: before, the profile is not one."""
+TOLERANCE: Final = 1e-4
+"""Of the largest pressure, by which the last round changes readings: a tenth of what they resolve."""
+
+TACTEL_SD: Final = (0.1, 0.04, 0.003)
+"""Prior standard deviations of a tactel's gain and width (logarithms) and offset (of the peak): those of real
+arrays."""
+FORCE_SD: Final = 0.02
+"""Standard deviation of the force of a press, as a part of it: a load cell, or a weight on a guided tip."""
+SAID, MOST_SD = 10.0, 3.3
+"""Presses, or tactels, that weigh as much as the standard deviations said when they are refined, and how many
+times those they become at most: presses that err by more than 1 mm are not moved to where they fit."""
+OFF_PRESS, OFF_TACTEL = 3.0, 10.0
+"""Standard deviations by which presses and tactels are off at most: a press that is an outlier stays one."""
+FELT, LOUD = 0.02, 0.2
+"""Parts of the largest pressure: below the one a reading shows the noise, above the other the misfit that is
+reported."""
+MOST_LEVERAGE: Final = 0.9
+"""Part of a reading's variance that unknowns take up, at most."""
+BINS: Final = 16
+"""Of the misfit over the distance: 2 mm each."""
+HUBER, CLIP = 2.5, 4.0
+"""Standard deviations from which a residual counts less than its square, and to which residuals are cut where
+variances are estimated."""
+OUTLIER, OUTLIER_SHARE = 3.3, 0.1
+"""A press is an outlier when the root mean square of its residuals is so many times the median of all
+presses: one displaced by 5 mm has 4 to 200 times, the worst of 1600 good ones 3 times. At most this share
+is."""
+TRUEST, FIRST = 1e-3, 0.05
+"""Parts of the largest reading: the best of laws leaves the one, so that no reading weighs more for being
+truer or is an outlier for less than multiples of it; and errors are taken to be the other at first."""
+LEFT_BY_MAP: Final = 0.1
+"""Part of the misfit that stays under a map of residuals: between presses it predicts less well than at
+them."""
+WEIGHTS: Final = np.logspace(-2.0, 3.0, 11)
+"""Weights of the penalty that are tried, relative to the information of the readings. With smaller ones a
+table follows readings no closer, but errors of few presses or of rounding made them be chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,7 +108,7 @@ class Calibration:
     residual     root mean square of the weighted residuals; near 1 when the model explains the readings
     n_readings   readings that were used
     outliers     (n,) presses that deviate far more than the others and were left out
-    converged    whether the iteration converged; law.misfit is how true the law is
+    converged    whether the rounds converged; law.misfit is how true the law is
     """
 
     law: Radial
@@ -93,159 +148,350 @@ def learn_radial_law(
     pressures: npt.ArrayLike,
     *,
     link: npt.ArrayLike = 0,
-    reach: float = REACH,
     place_sd: float = 0.0,
     maps: bool = True,
 ) -> Calibration:
     """Return the response of a skin, learned from presses at known places.
 
-    s, a:       (n_presses,) m, places of the presses on their link
-    force:      (n_presses,) N; None when it is not known, but the same in all of them
-    pressures:  (n_presses, n_tactels) Pa, as the arm's present gains give them; NaN for a missing reading.
-                Readings at full scale and those of dead tactels are left out.
-    link:       (n_presses,) or one number
-    reach:      distance beyond which a press has no effect, m; the table is cut shorter where it can be
-    place_sd:   standard deviation of s and a as they are said, m; readings correct them. 0: they are exact
-    maps:       whether to try for a map of residuals, which takes most of the time
+    Args:
+        arm: the skin, with the gains that it has now.
+        s, a: (n_presses,) m, places of the presses on their link.
+        force: (n_presses,) N; None when it is not known, but the same in all of them.
+        pressures: (n_presses, n_tactels) Pa, as the arm's present gains give them; NaN for a missing reading.
+            Readings at full scale and those of dead tactels are left out.
+        link: (n_presses,) or one number.
+        place_sd: standard deviation of s and a as they are said, m; readings correct them. 0: they are exact.
+        maps: whether to try for a map of residuals, which takes most of the time.
 
     Raises:
         ValueError: shapes that do not fit, forces that are not positive, or too few readings to learn from.
     """
-    data, learns_exponent = _select(arm, s, a, force, pressures, link, reach, place_sd)
-    state = Response(data, arm.n_tactels)
-    converged = False
-    for iteration in range(MAX_ITERATIONS):
-        before = state.prediction
-        state.fit_profile(choose=iteration < CHOICES)
-        state.fit_tactels(widths=iteration < WIDTHS)
-        if iteration >= SETTLED:
-            state.fit_presses(refine=iteration < CHOICES)
-        if learns_exponent:
-            state.fit_exponent()
-        if iteration < CHOICES:
-            if iteration >= SETTLED:
-                state.find_outliers()
-            state.fit_variance(to_come=not maps)
-        if iteration == CHOICES:
-            state.freeze()
-        change = np.abs(state.prediction - before).max() / max(np.abs(state.prediction).max(), 1e-300)
-        if change < TOLERANCE:
-            converged = True
-            break
-    left, variance = state.residuals[state.kept], state.variance[state.kept]
-    smooth = _smooth(arm, data, state) if maps else None
-    if maps and smooth is None:
-        return learn_radial_law(
-            arm, s, a, force, pressures, link=link, reach=reach, place_sd=place_sd, maps=False
-        )
-    to_newtons = float(np.exp(-state.exponent * data.middle))
-    return Calibration(
-        law=_trimmed(state, data, to_newtons, has_map=smooth is not None),
-        gain=np.asarray(arm.tactel_gain) / state.gain,
-        width=state.width,
-        bias=state.tactels[:, 2] / state.gain,
-        noise=state.noise / state.gain,
-        residual_map=None if smooth is None else ResidualMap(smooth.step, smooth.maps * to_newtons),
-        residual=float(np.sqrt(np.mean(left**2 / variance))),
-        n_readings=int(state.kept.sum()),
-        outliers=np.flatnonzero(state.outlier),
-        converged=converged,
-    )
-
-
-def _select(
-    arm: Arm, s: Any, a: Any, force: Any, pressures: Any, link: Any, reach: float, place_sd: float
-) -> tuple[Readings, bool]:
-    """Return usable readings, and whether forces differ enough for an exponent."""
     s, a = (np.atleast_1d(np.asarray(x, np.float64)) for x in (s, a))
     table = np.atleast_2d(np.asarray(pressures, np.float64))
     n = len(s)
     if table.shape != (n, arm.n_tactels) or a.shape != (n,):
         wanted = f"({n},) and ({n}, {arm.n_tactels})"
         raise ValueError(f"a and pressures must have shapes {wanted}, got {a.shape} and {table.shape}")
-    forces = np.ones(n) if force is None else np.broadcast_to(np.asarray(force, np.float64), n)
+    forces = np.broadcast_to(np.asarray(1.0 if force is None else force, np.float64), n)
     if not (np.isfinite(forces) & (forces > 0.0)).all():
         raise ValueError("forces must be finite and positive")
-    links = np.broadcast_to(np.asarray(link), n)
-    if not reach > 0.0:
-        raise ValueError(f"reach must be positive, got {reach}")
+    fit = _Fit(arm, np.broadcast_to(np.asarray(link), n), s, a, forces, table, place_sd)
+    converged = False
+    for k in range(MAX_ROUNDS):
+        before = fit.prediction
+        fit.improve(choose=k < ROUNDS, move=k >= SETTLED and place_sd > 0.0)
+        if k < ROUNDS:
+            if k >= SETTLED:
+                fit.find_outliers(fit.residuals)
+            fit.find_variances(fit.residuals)
+        change = np.abs(fit.prediction - before).max()
+        converged = bool(change < TOLERANCE * np.abs(fit.prediction).max())
+        if converged:
+            break
+    values = fit.find_maps(arm) if maps else None
+    log_gain, width, offset = fit.tactels.values.T
+    # the mean response of the tactels that were read is 1
+    common = float(np.exp(log_gain[fit.tactels.known]).mean())
+    gain, to_newtons = np.exp(log_gain) / common, common * math.exp(-fit.exponent * fit.middle)
+    left = fit.residuals[fit.kept] ** 2 / fit.variance[fit.kept]
+    return Calibration(
+        law=fit.law(to_newtons, has_map=values is not None),
+        gain=np.asarray(arm.tactel_gain) / gain,
+        width=np.exp(width),
+        bias=offset / gain,
+        noise=fit.noise / gain,
+        residual_map=None if values is None else ResidualMap(MAP_STEP, values * to_newtons),
+        residual=float(np.sqrt(left.mean())),
+        n_readings=int(fit.kept.sum()),
+        outliers=np.flatnonzero(fit.outlier),
+        converged=converged,
+    )
 
-    d = np.full(table.shape, np.inf)
-    away = np.zeros((*table.shape, 2))
-    for number in np.unique(links):
-        rows, columns = np.flatnonzero(links == number), np.flatnonzero(arm.tactel_link == number)
-        surface, here = arm.links[number].surface, np.ix_(rows, columns)
-        d[here] = surface.distance(s[rows, None], a[rows, None], arm.tactel_s[columns], arm.tactel_a[columns])
-        along = s[rows, None] - arm.tactel_s[columns]
-        away[here] = np.stack([along, surface.wrap(a[rows, None] - arm.tactel_a[columns])], -1)
-    usable = np.isfinite(table) & (d < reach) & arm.tactel_healthy & (table < limit_of(arm))
-    if usable.sum() < MIN_READINGS:
-        raise ValueError(
-            f"only {usable.sum()} usable readings within {1e3 * reach:g} mm of a press; {MIN_READINGS} needed"
+
+class _Unknowns:
+    """Unknowns (n, k) of tactels or presses, drawn to 0 by standard deviations that all of them refine."""
+
+    def __init__(self, owner: Ints, n: int, said: Any, most: float) -> None:
+        ones = np.ones(len(owner))
+        self.owner = owner
+        """(n_readings,) whose each reading is."""
+        self.sum: Any = csr_array((ones, (owner, np.arange(len(owner)))), (n, len(owner)))
+        """Matrix that sums readings by owner."""
+        self.values, self.taken_up = np.zeros((n, len(said))), 0.0 * ones
+        """The unknowns, and what they take up of the variance of each reading, as a part of it."""
+        self._said = self._sd = np.asarray(said, np.float64)
+        self.known, self._most = self.sum @ ones > 0.0, most
+
+    def step(self, slopes: Floats, residuals: Floats, trust: Floats, *, refine: bool) -> Floats:
+        """Take a Gauss-Newton step; return the mean of all (k,), which is taken off.
+
+        slopes: (n_readings, k); trust: (n_readings,) inverse variances
+        """
+        k = len(self._said)
+        weighted = trust[:, None] * slopes
+        normal = (self.sum @ (weighted[:, :, None] * slopes[:, None]).reshape(-1, k * k)).reshape(-1, k, k)
+        covariance = np.linalg.inv(normal + np.diag(self._sd**-2.0))
+        pull = self.sum @ (weighted * residuals[:, None]) - self.values / self._sd**2
+        values, most = self.values + np.einsum("kij,kj->ki", covariance, pull), self._most * self._sd
+        values = np.clip(values, -most, most)
+        # what is common to all belongs to the law
+        common = values[self.known].mean(axis=0)
+        self.values = (values - common) * self.known[:, None]
+        self.variance = np.einsum("kii->ki", covariance)[self.known].mean(axis=0)
+        """Mean of what readings leave of each."""
+        self.taken_up = np.einsum("ri,rij,rj->r", weighted, covariance[self.owner], slopes)
+        if refine:
+            square = (self.values**2 + np.einsum("kii->ki", covariance))[self.known] / self._said**2
+            ratio = (square.sum(axis=0) + SAID) / (len(square) + SAID)
+            self._sd = self._said * np.minimum(np.sqrt(ratio), MOST_SD)
+        return np.asarray(common)
+
+
+class _Fit:
+    """Usable readings, one row each; the unknowns, and what improves them."""
+
+    def __init__(
+        self, arm: Arm, link: Any, s: Floats, a: Floats, force: Floats, pressures: Floats, place_sd: float
+    ) -> None:
+        d, away = np.full(pressures.shape, np.inf), np.zeros(pressures.shape, np.complex128)
+        for number in np.unique(link):
+            rows, tactels = np.flatnonzero(link == number), np.flatnonzero(arm.tactel_link == number)
+            here, surface = np.ix_(rows, tactels), arm.links[number].surface
+            d[here] = surface.distance(
+                s[rows, None], a[rows, None], arm.tactel_s[tactels], arm.tactel_a[tactels]
+            )
+            across = surface.wrap(a[rows, None] - arm.tactel_a[tactels])
+            away[here] = s[rows, None] - arm.tactel_s[tactels] + 1j * across
+        usable = np.isfinite(pressures) & (d < REACH) & arm.tactel_healthy & (pressures < limit_of(arm))
+        if usable.sum() < MIN_READINGS:
+            raise ValueError(
+                f"only {usable.sum()} usable readings within {1e3 * REACH:g} mm of a press; "
+                f"{MIN_READINGS} needed"
+            )
+        self._p, self._d, self._away = pressures[usable], d[usable], away[usable]
+        if not (self._p > 0.0).any():
+            raise ValueError("no reading is above zero: were the places pressed at all?")
+        press, tactel = np.nonzero(usable)
+        log_force, peak = np.log(force)[press], float(np.abs(self._p).max())
+        self.middle = float(log_force.mean())
+        """Logarithm of the geometric mean of the forces."""
+        self._log_force = log_force - self.middle
+        self._learns_exponent = force.max() >= MIN_FORCE_RATIO * force.min()
+        steps = np.array([placed.patch.transducer.resolution for placed in arm.patches])
+        # the standard deviation that rounding alone gives a reading, Pa
+        self._floor = np.maximum(steps[arm.tactel_patch] * arm.tactel_gain / math.sqrt(12.0), 1e-9 * peak)
+        self._unmatched = TRUEST * peak
+        self.table, self.exponent = np.zeros(POINTS - 1), 1.0
+        said = np.array(TACTEL_SD) * (1.0, 1.0, peak)
+        self.tactels = _Unknowns(tactel, arm.n_tactels, said, OFF_TACTEL)
+        """Logarithms of gain and width, offset (Pa)."""
+        of_press = (place_sd or 1.0, place_sd or 1.0, FORCE_SD)
+        self.presses = _Unknowns(press, len(s), of_press, OFF_PRESS)
+        """What they are off by along s and a (m), and in the logarithm of the force."""
+        self.noise, self.misfit, self._misfit_profile = self._floor, 0.0, np.zeros(BINS)
+        self.variance = np.full(len(self._p), (FIRST * peak) ** 2)
+        self.outlier = np.zeros(len(s), np.bool_)
+        self._by_law, self._weight, self._trust = 0.0 * self._p, float(WEIGHTS[0]), self._p
+        self._covariance = np.zeros_like(_ROUGHNESS)
+        self._predict()
+
+    @property
+    def kept(self) -> Bools:
+        """Whether a row belongs to a press that is no outlier."""
+        return np.asarray(~self.outlier[self.presses.owner])
+
+    @property
+    def residuals(self) -> Floats:
+        """Reading minus model, row by row (Pa)."""
+        return np.asarray(self._p - self.prediction)
+
+    def _predict(self) -> None:
+        """Follow the unknowns: readings that the model gives, row by row (Pa), and their slopes."""
+        gain, width, self._offset = self.tactels.values[self.tactels.owner].T
+        off_s, off_a, off_force = self.presses.values[self.presses.owner].T
+        self.away = self._away + off_s + 1j * off_a
+        self.d = self._d + np.abs(self.away) - np.abs(self._away)
+        self.amplitude = np.exp(gain + self.exponent * self._log_force + off_force)
+        """Gain of the tactel times effective force."""
+        at = self.d / np.exp(width)
+        self._basis = _basis_at(at)
+        self.pressed = self.amplitude * (self._basis @ self.table)
+        self.prediction = self.pressed + self._offset
+        slope = _slopes_at(at) @ self.table
+        self._by_distance = self.amplitude * slope / (STEP * np.exp(width))
+
+    def improve(self, *, choose: bool, move: bool) -> None:
+        """Take a step in the law, then in tactels and, to ``move`` them, in presses.
+
+        ``choose``: weights, the penalty and the standard deviations of unknowns follow what is found.
+        """
+        if choose:
+            # the inverse variance, less for large residuals, 0 for outliers
+            variance = self.variance + self._unmatched**2
+            off = np.abs(self.residuals) / np.sqrt(variance) if self.table.any() else 0.0 * self._p
+            self._trust = self.kept * np.minimum(1.0, HUBER / np.maximum(off, HUBER)) / variance
+        self._fit_law(choose=choose)
+        self._predict()
+        slopes = np.column_stack([self.pressed, -self.d * self._by_distance, np.ones(len(self._p))])
+        common = self.tactels.step(slopes, self.residuals, self._trust, refine=choose)
+        self.table = self.table * math.exp(common[0])
+        self._predict()
+        if move:
+            towards = self._by_distance * self.away / np.maximum(np.abs(self.away), 1e-9)
+            slopes = np.column_stack([towards.real, towards.imag, self.pressed])
+            self.presses.step(slopes, self.residuals, self._trust, refine=choose)
+            self._predict()
+
+    def _fit_law(self, *, choose: bool) -> None:
+        """Solve for table and exponent; ``choose`` takes the penalty of least cross-validation error."""
+        root = np.sqrt(self._trust)[:, None]
+        by_exponent = self._learns_exponent * self.pressed * self._log_force
+        rows = np.column_stack([self._basis * self.amplitude[:, None], by_exponent]) * root
+        readings = (self._p - self._offset) * root[:, 0]
+        normal, right, total = rows.T @ rows, rows.T @ readings, float(readings @ readings)
+        information, best, n_kept = float(np.trace(normal[:-1, :-1])), math.inf, int(self.kept.sum())
+        for weight in WEIGHTS if choose else [self._weight]:
+            prior = weight * information / np.trace(_ROUGHNESS) * _ROUGHNESS
+            # points that no reading reaches have zeros in both: a small number keeps it definite
+            inverse = np.linalg.inv(normal + prior + 1e-12 * information * np.eye(POINTS))
+            found = inverse @ right
+            error = max(total - 2.0 * float(found @ right) + float(found @ normal @ found), 0.0)
+            score = error / max(n_kept - float((inverse * normal).sum()), 1.0) ** 2
+            if score < best:
+                best, self._weight, law, self._covariance = score, float(weight), found, inverse
+        self.table = law[:-1]
+        self.exponent = float(np.clip(self.exponent + np.clip(law[-1], -0.2, 0.2), 0.2, 2.0))
+        self._by_law = np.einsum("ri,ij,rj->r", rows, self._covariance, rows)
+
+    def find_variances(self, left: Floats) -> None:
+        """Split residuals (Pa) into noise, which does not depend on force and distance, and the misfit.
+
+        What the unknowns have taken up of them is added.
+        """
+        kept, amplitude, tactel = self.kept, self.amplitude, self.tactels.owner
+        taken_up = self._by_law + self.tactels.taken_up + self.presses.taken_up
+        at = np.minimum(self.d / REACH * BINS, BINS - 1.0).astype(np.intp)
+        sd = np.sqrt(self.variance + self._unmatched**2)
+        off, usual = np.abs(left) / sd, np.zeros(BINS)
+        for b in np.unique(at):
+            usual[b] = 1.4826 * np.median(off[at == b])  # by medians, so that outliers do not hide themselves
+        square = (np.minimum(off, CLIP * usual[at]) * sd) ** 2 / (1.0 - np.minimum(taken_up, MOST_LEVERAGE))
+
+        def by_bin(x: Floats) -> Floats:
+            return np.bincount(at, kept * x, BINS).astype(np.float64)
+
+        # the noise is what is left of quiet readings where least is left; twice that is still scatter
+        pressed = np.abs(self.pressed)
+        quiet = kept & (pressed < FELT * pressed[kept].max())
+        quiet = quiet if quiet.sum() >= MIN_READINGS else kept
+        count = np.bincount(at, quiet, BINS)
+        mean = np.bincount(at, quiet * square, BINS) / np.maximum(count, 1.0)
+        mean[count < min(MIN_READINGS, count.max())] = np.inf
+        quiet &= (mean <= 2.0 * mean.min())[at]
+        # a tactel's own variance, drawn to that of all by the weight of ten readings
+        own, n = self.tactels.sum @ (quiet * square), self.tactels.sum @ (1.0 * quiet)
+        noise2 = (own + 10.0 * float(square[quiet].mean())) / (n + 10.0)
+        # where all that is quiet reads the same step, the residuals are none, and readings still uncertain
+        self.noise = np.sqrt(np.maximum(noise2, self._floor**2))
+        excess = square - self.noise[tactel] ** 2
+        # moments weighted by amplitude^2 / variance^2: strong presses tell most of what grows with force
+        weight = (amplitude / self.variance) ** 2
+        scale = by_bin(weight * amplitude**2)
+        usable = (by_bin(np.ones(len(at))) >= MIN_READINGS) & (scale > 0.0)
+        if usable.any():
+            found = np.sqrt(np.maximum(by_bin(weight * excess)[usable] / scale[usable], 0.0))
+            self._misfit_profile = np.interp(np.arange(BINS), np.flatnonzero(usable), found)
+        self.variance = self.noise[tactel] ** 2 + (amplitude * self._misfit_at(self.d)) ** 2
+        loud = kept & (pressed > LOUD * pressed[kept].max())
+        if loud.any():
+            self.misfit = math.sqrt(max(float(np.mean(excess[loud] / pressed[loud] ** 2)), 0.0))
+
+    def _misfit_at(self, d: Floats) -> Floats:
+        """Return the misfit at distances d (m), per unit of effective force; (...,) Pa."""
+        return np.asarray(np.interp(d / REACH * BINS - 0.5, np.arange(BINS), self._misfit_profile))
+
+    def find_outliers(self, left: Floats) -> None:
+        """Leave out the presses whose residuals (Pa) deviate far more than those of the others."""
+        z2 = left**2 / (self.variance + self._unmatched**2)
+        count, total = self.presses.sum @ np.ones(len(z2)), self.presses.sum @ z2
+        seen, score = count > 0.0, np.sqrt(total / np.maximum(count, 1.0))
+        usual, worst = np.median(score[seen]), np.quantile(score[seen], 1.0 - OUTLIER_SHARE)
+        self.outlier = seen & (score > max(OUTLIER * usual, OUTLIER, worst))
+
+    def find_maps(self, arm: Arm) -> Floats | None:
+        """Return maps (n_tactels, n, n) of what the law leaves, per unit of effective force, if any.
+
+        The misfit is then what they leave at presses that they were not made from.
+        """
+        yaw = np.array([placed.yaw for placed in arm.patches])[arm.tactel_patch[self.tactels.owner]]
+        scale, kept = np.sqrt(self.variance), self.kept
+        maps, left = residual_maps(
+            (self.away * np.exp(-1j * yaw))[kept],
+            self.tactels.owner[kept],
+            (self.residuals / scale)[kept],
+            (scale / self.amplitude)[kept],
+            arm.n_tactels,
         )
-    if not (table[usable] > 0.0).any():
-        raise ValueError("no reading is above zero: were the places pressed at all?")
-    press, tactel = np.nonzero(usable)
-    log_force = np.log(forces[press])
-    steps = np.array([placed.patch.transducer.resolution for placed in arm.patches])
-    readings = Readings(
-        p=table[press, tactel],
-        press=press,
-        tactel=tactel,
-        d=d[press, tactel],
-        away=away[press, tactel],
-        log_force=log_force - log_force.mean(),
-        middle=float(log_force.mean()),
-        n_presses=n,
-        step=reach / (POINTS - 1),
-        floor=steps[arm.tactel_patch] * arm.tactel_gain / math.sqrt(12.0),
-        place_sd=place_sd,
-    )
-    return readings, force is not None and bool(forces.max() >= MIN_FORCE_RATIO * forces.min())
+        if maps is not None:
+            beside, least = self.residuals, LEFT_BY_MAP * self._misfit_profile
+            beside[kept] = left * scale[kept]
+            self.find_outliers(beside)
+            self.find_variances(beside)
+            self._misfit_profile = np.maximum(self._misfit_profile, least)
+        return maps
+
+    def law(self, to_newtons: float, *, has_map: bool) -> Radial:
+        """Return the law, cut where it has faded, not within a map, on all points again."""
+        if not self.table[0] > 0.0:
+            raise ValueError("the readings do not rise towards the presses: are the places right?")
+        last = int(np.flatnonzero(np.abs(self.table) > TRIM * self.table[0]).max())
+        at = np.linspace(0.0, min(max(STEP * (last + 2), MAP_REACH * has_map), REACH), POINTS)
+        basis = _basis_at(at)
+        unknown = np.einsum("ri,ij,rj->r", basis, self._covariance[:-1, :-1], basis)
+        gain, width, _ = self.tactels.variance
+        unknown += gain * (basis @ self.table) ** 2 + width * (at / STEP * (_slopes_at(at) @ self.table)) ** 2
+        return Radial(
+            float(at[1]),
+            (basis @ self.table) * (at < at[-1]) * to_newtons,
+            exponent=self.exponent,
+            misfit=self.misfit,
+            misfit_profile=np.sqrt(self._misfit_at(at) ** 2 + unknown) * to_newtons,
+            typical_force=math.exp(self.middle),
+        )
 
 
-def _smooth(arm: Arm, data: Readings, state: Response, *, again: bool = True) -> SmoothResiduals | None:
-    """Return the smooth map of the residuals, if there is one; bring the misfit to what it leaves."""
-    kept = np.flatnonzero(state.kept)
-    tactel, amplitude = data.tactel[kept], state.amplitude[kept]
-    yaw = np.array([placed.yaw for placed in arm.patches])[arm.tactel_patch[tactel]]
-    on_board = (state.away[kept] @ [1.0, 1j]) * np.exp(-1j * yaw)
-    smooth = smooth_residuals(
-        np.stack([on_board.real, on_board.imag], -1),
-        tactel,
-        state.residuals[kept] / amplitude,
-        np.sqrt(state.variance[kept]) / amplitude,
-        arm.n_tactels,
-    )
-    if smooth is None:
-        return None
-    left = state.residuals
-    left[kept] = smooth.left * amplitude
-    if again and state.find_outliers(left):
-        # beside the map an outlier that the law alone could hide stands out
-        return _smooth(arm, data, state, again=False)
-    state.fit_variance(left, to_come=True)
-    return smooth
+def _basis_at(d: Floats) -> Floats:
+    """Return the matrix (n, POINTS - 1) from a table to the profile at distances, as in ``Radial.profile``.
+
+    The last point of the table is 0, as is all beyond it. Cubic Hermite polynomials; slopes are central
+    differences, 0 at d = 0, one-sided at the end.
+    """
+    return np.asarray(np.nan_to_num(_UNIT_PROFILES(d / STEP))[:, :-1])
 
 
-def _trimmed(state: Response, data: Readings, to_newtons: float, *, has_map: bool) -> Radial:
-    """Return the law in newtons, cut where it has faded, not within a map, on all points again."""
-    table = np.append(state.table, 0.0) * to_newtons
-    if not table[0] > 0.0:
-        raise ValueError("the readings do not rise towards the presses: are the places right?")
-    last = int(np.flatnonzero(np.abs(table) > TRIM * table[0]).max()) + 1
-    whole = data.step * (POINTS - 1)
-    reach = min(max(data.step * (last + 1), MAP_REACH if has_map else 0.0), whole)
-    step = reach / (POINTS - 1)
-    at = np.asarray(step * np.arange(POINTS), np.float64)
-    fine = Radial(data.step, table).profile(at)
-    fine[-1] = 0.0
-    misfit = np.sqrt(state.misfit_at(at) ** 2 + state.unknown_at(at, has_map=has_map))
-    return Radial(
-        step,
-        fine,
-        exponent=state.exponent,
-        misfit=state.misfit,
-        misfit_profile=misfit * to_newtons,
-        typical_force=float(np.exp(data.middle)),
-    )
+def _slopes_at(d: Floats) -> Floats:
+    """Return the same for the slope of the profile, times the step of the table."""
+    return np.asarray(np.nan_to_num(_UNIT_SLOPES(d / STEP))[:, :-1])
+
+
+def _unit_profiles() -> CubicHermiteSpline:
+    """Return the profiles of tables that are 1 at one point and 0 elsewhere, over d / step."""
+    slopes: Any = np.gradient(np.eye(POINTS), axis=0)
+    slopes[0] = 0.0
+    return CubicHermiteSpline(np.arange(POINTS), np.eye(POINTS), slopes, extrapolate=False)
+
+
+def _roughness() -> Floats:
+    """Return the penalty on third differences of a table that is even about 0 and ends at zero.
+
+    Its last row and column, of zeros, are those of the exponent.
+    """
+    even = np.concatenate([[2, 1], np.arange(POINTS)])  # ..., table[-1], table[0], ...
+    differences = np.diff(np.eye(POINTS)[even], n=3, axis=0)
+    differences[:, -1] = 0.0
+    return np.asarray(differences.T @ differences)
+
+
+_UNIT_PROFILES: Final = _unit_profiles()
+_UNIT_SLOPES: Final = _UNIT_PROFILES.derivative()
+_ROUGHNESS: Final = _roughness()

@@ -3,12 +3,12 @@
 Each press is a contact (u, v) on the board, by the board's own law, and a point (s, a) on the link. On the
 surface unrolled about the place of the board in the arm file the two differ by a rotation and a shift::
 
-    minimise  sum_k rho(|L_k ((x_k, y_k) - c - R(yaw) (u_k, v_k))|) + prior,    L_k L_k^T = (sigma^2 + C_k)^-1
+    minimise  sum_k rho(|(x_k, y_k) - c - R(yaw) (u_k, v_k)| / sd_k) + prior
+    sd_k^2 = sigma^2 + sd(u_k, v_k)^2
 
-C_k is the covariance of the contact, sigma that of the places, which all boards together refine. The start is
-the best of the poses by which one press fits exactly, turned as in the arm file, or two, so that outliers
-have no part in it; then Gauss-Newton with Tukey's weights; then least squares without the outliers. A wide
-prior about the arm file keeps what presses do not determine where the file has it, and its variance says so.
+sigma is that of the places, which all boards together refine. The start is the turn that leaves least about
+its median shift; then least squares with the soft L1 loss, and without the outliers. A wide prior about the
+arm file keeps what presses do not determine where the file has it, and its variance says so.
 """
 
 from __future__ import annotations
@@ -16,16 +16,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import least_squares
 
 from skinbus.estimate.estimator import Estimator
 from skinbus.model import Arm, Link, PlacedPatch, Radial, Surface
 
 Floats = npt.NDArray[np.float64]
+Places = npt.NDArray[np.complex128]
 
 PLACE_SD: Final = 0.3e-3
 """m; a robot's tool, or a probe in a jig."""
@@ -35,22 +36,17 @@ KNOWN: Final = 0.3
 """Part of the prior's standard deviation above which presses have not determined a direction."""
 OUTLIER: Final = 4.0
 """Standard deviations of a press from which it is an outlier: 3 of 10 000 good ones."""
-TUKEY: Final = 4.685
-"""Standard deviations at which Tukey's weight is 0: 95 % efficient for normal errors."""
 PRIOR_FREEDOM: Final = 10.0
 """Weight of the place's standard deviation as said, in degrees of freedom, when the presses refine it."""
-WIDE: Final = 3.0
-"""Standard deviations as said with which the search begins: places may be worse than said."""
-MOST_PAIRS, APART_M = 300, 5e-3
-"""Pairs of presses that give a start, and how far they are apart at least: else they give no direction."""
+WIDE, ROUNDS = 3.0, 4
+"""Standard deviations as said with which the search begins, as places may be worse than said; and rounds of
+refining them: they change by less than a hundredth in the last."""
+TURNS: Final = np.radians(15.0) * np.arange(-11, 13)
+"""rad, from which a turn is looked for."""
 TURNED: Final = math.radians(30.0)
 """A yaw this far from that of the arm file is no error of mounting but another way to mount."""
 SECOND: Final = 0.3
 """Part of the force of the strongest contact from which a second one makes a press unusable."""
-STEPS: Final = 20
-"""Of Gauss-Newton, with either weights; it converges in five."""
-ROUNDS: Final = 3
-"""Of refining sigma; it changes by less than a hundredth in the third."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,102 +96,65 @@ class Location:
     """m, of the places of the presses along each direction, as refined."""
 
 
-class _Board:
-    """A board with its presses as contacts; poses are (x, y, yaw) from that of the arm file."""
+class Pose(NamedTuple):
+    """A shift (m, m) and a turn (rad) by which places fit others."""
 
-    def __init__(self, arm: Arm, p: int, presses: Sequence[PlacedPress]) -> None:
-        self.patch, self.placed = p, arm.patches[p]
-        self.surface = arm.links[self.placed.link].surface
-        own = [k for k, press in enumerate(presses) if press.patch == p]
-        contacts = _contacts(self.placed, [presses[k].readings for k in own])
-        self.press = [k for k, contact in zip(own, contacts, strict=True) if contact is not None]
-        self.unusable = tuple(sorted({*own} - {*self.press}))
-        found = [contact for contact in contacts if contact is not None]
-        turn = complex(math.cos(self.placed.yaw), math.sin(self.placed.yaw))
-        self.felt = np.array([at for at, _ in found], np.complex128) * turn  # on the chart, from the centre
-        rotation = np.array([[turn.real, -turn.imag], [turn.imag, turn.real]])
-        self.cov = rotation @ np.array([c for _, c in found]).reshape(-1, 2, 2) @ rotation.T
-        s, a = (np.array([getattr(presses[k], name) for k in self.press]) for name in ("s", "a"))
-        x, y = self.surface.develop(s, a, self.placed.a)
-        self.said = np.asarray(x - self.placed.s + 1j * y)
-        self.kept = np.ones(len(self.press), np.bool_)
-        self.pose, self.covariance, self.square = np.zeros(3), np.diag(np.square(PRIOR_SD)), 0.0
+    values: Floats
+    covariance: Floats
+    length: Floats
+    """(n,) standard deviations that they leave."""
 
-    def _residuals(self, pose: Floats, sigma: float) -> tuple[Floats, Floats, Floats]:
-        """Return whitened residuals (n, 2), their Jacobian (n, 2, 3), and their lengths (n,)."""
-        turn = complex(math.cos(pose[2]), math.sin(pose[2]))
-        felt = turn * self.felt
-        off = self.said - complex(pose[0], pose[1]) - felt
-        jacobian = np.zeros((len(off), 2, 3))
-        jacobian[:, 0, 0] = jacobian[:, 1, 1] = -1.0
-        jacobian[:, 0, 2], jacobian[:, 1, 2] = felt.imag, -felt.real
-        rotation = np.array([[turn.real, -turn.imag], [turn.imag, turn.real]])
-        white = np.linalg.inv(np.linalg.cholesky(sigma**2 * np.eye(2) + rotation @ self.cov @ rotation.T))
-        left = np.einsum("kij,kj->ki", white, np.stack([off.real, off.imag], -1))
-        return left, white @ jacobian, np.linalg.norm(left, axis=-1)
+    @property
+    def score(self) -> float:
+        """Sum of their squares, those of outliers cut."""
+        return float(np.minimum(self.length**2, OUTLIER**2).sum())
 
-    def score(self, pose: Floats, sigma: float) -> float:
-        """Return the sum of squares of the residuals, those of outliers cut."""
-        return float(np.minimum(self._residuals(pose, sigma)[2] ** 2, OUTLIER**2).sum())
 
-    def start(self, sigma: float) -> float:
-        """Take the best pose by which one or two presses fit, or that of the arm file; return its score."""
-        centres = [0.0, *(self.said - self.felt)]
-        poses = [np.array([z.real, z.imag, 0.0]) for z in map(complex, centres)]
-        pairs = list(combinations(range(len(self.press)), 2))
-        for i, j in pairs[:: max(1, math.ceil(len(pairs) / MOST_PAIRS))]:
-            said, felt = self.said[j] - self.said[i], self.felt[j] - self.felt[i]
-            if min(abs(said), abs(felt)) >= APART_M:
-                turn = said * felt.conjugate() / abs(said * felt)
-                z = 0.5 * (self.said[i] + self.said[j] - turn * (self.felt[i] + self.felt[j]))
-                poses.append(np.array([z.real, z.imag, np.angle(turn)]))
-        scores = [self.score(pose, sigma) for pose in poses]
-        self.pose = poses[int(np.argmin(scores))]
-        return min(scores)
+def fit_pose(felt: Places, said: Places, sd: Floats) -> Pose:
+    """Return the pose by which places ``felt`` are those ``said``, x + iy (n,) m, but for sd (n,) m."""
+    pose, best = np.zeros(3), math.inf
+    for turn in TURNS if len(felt) else ():
+        off = said - np.exp(1j * turn) * felt
+        shift = complex(np.median(off.real), np.median(off.imag))
+        score = float(np.minimum((np.abs(off - shift) / sd) ** 2, OUTLIER**2).sum())
+        # of turns that fit alike, as when all presses are at one place, the smaller one
+        score += min((turn / PRIOR_SD[2]) ** 2, OUTLIER**2)
+        if score < best:
+            pose, best = np.array([shift.real, shift.imag, turn]), score
+    # the prior is about the file; where another way to mount fits, about that, which is reported
+    centre, kept = pose * [0.0, 0.0, abs(pose[2]) > TURNED], np.ones(len(felt), np.bool_)
 
-    def fit(self, sigma: float) -> None:
-        """Take the pose of least squares, its covariance, and what the presses leave that are no outliers."""
-        # the prior is about the file; where another way to mount fits, about that, which is reported
-        centre = self.pose * [0.0, 0.0, abs(self.pose[2]) > TURNED]
-        prior = np.power(PRIOR_SD, -2.0)
-        for is_robust in (True, False):
-            for _ in range(STEPS):
-                left, jacobian, length = self._residuals(self.pose, sigma)
-                self.kept = length < OUTLIER
-                weight = np.maximum(1.0 - (length / TUKEY) ** 2, 0.0) ** 2 if is_robust else 1.0 * self.kept
-                weighted = weight[:, None, None] * jacobian
-                normal = np.einsum("kij,kil->jl", weighted, jacobian) + np.diag(prior)
-                pull = np.einsum("kij,ki->j", weighted, left) + prior * (self.pose - centre)
-                self.pose = self.pose - np.linalg.solve(normal, pull)
-        self.covariance = np.linalg.inv(normal)
-        length = self._residuals(self.pose, sigma)[2]
-        self.square = float((length[self.kept] ** 2).sum())
+    def left(pose: Floats) -> Places:
+        return np.asarray((said - complex(pose[0], pose[1]) - np.exp(1j * pose[2]) * felt) / sd)
 
-    def located(self, sigma: float) -> Located:
-        """Return where the board sits."""
-        x, y, turn = self.pose.tolist()
-        turn = math.remainder(turn, math.tau)
-        s, a = self.surface.undevelop(self.placed.s + x, y, self.placed.a)
-        # on a cone the direction of s at the new place is turned
-        slant = self.surface.taper * float(self.surface.wrap(a - self.placed.a)) / self.surface.radius
-        usual, n = self.score(self.pose, sigma), len(self.press)
-        self.felt, self.cov = self.felt.conjugate(), self.cov * [[1.0, -1.0], [-1.0, 1.0]]
-        is_mirrored = n > 2 and usual > 0.3 * n * OUTLIER**2 and self.start(sigma) < 0.3 * usual
-        spread, press = np.sqrt(np.diag(self.covariance)), np.array(self.press, int)
-        return Located(
-            self.patch,
-            float(s),
-            float(a),
-            math.remainder(self.placed.yaw + turn - slant, math.tau),
-            self.covariance,
-            tuple(press[self.kept].tolist()),
-            tuple(press[~self.kept].tolist()),
-            self.unusable,
-            (x, y, turn),
-            is_turned=abs(turn) > TURNED and not is_mirrored,
-            is_mirrored=is_mirrored,
-            unknown=tuple(np.array(["s", "a", "yaw"])[spread > KNOWN * np.array(PRIOR_SD)].tolist()),
-        )
+    def residuals(pose: Floats) -> Floats:
+        off = left(pose)[kept]
+        return np.concatenate([off.real, off.imag, (pose - centre) / PRIOR_SD])
+
+    for loss in ("soft_l1", "linear"):
+        found = least_squares(residuals, pose, loss=loss, x_scale=PRIOR_SD)
+        pose, kept = found.x, np.abs(left(found.x)) < OUTLIER
+    pose[2] = math.remainder(pose[2], math.tau)
+    jacobian: Any = found.jac
+    return Pose(pose, np.linalg.inv(jacobian.T @ jacobian), np.abs(left(pose)))
+
+
+class _Seen(NamedTuple):
+    """What a board sees of its presses."""
+
+    patch: int
+    press: npt.NDArray[np.intp]
+    """Numbers of those with one contact; of the others:"""
+    unusable: tuple[int, ...]
+    felt: Places
+    said: Places
+    """(n,) m, from the place of the board in the arm file, along s and across."""
+    sd: Floats
+
+    def pose(self, sigma: float, *, mirrored: bool = False) -> Pose:
+        """Return the pose of the board, or of the mirrored one."""
+        felt = self.felt.conjugate() if mirrored else self.felt
+        return fit_pose(felt, self.said, np.hypot(sigma, self.sd))
 
 
 def locate(arm: Arm, presses: Sequence[PlacedPress], *, place_sd: float = PLACE_SD) -> Location:
@@ -203,39 +162,74 @@ def locate(arm: Arm, presses: Sequence[PlacedPress], *, place_sd: float = PLACE_
 
     place_sd: standard deviation of the places of the presses along each direction, m; residuals refine it
     """
-    boards = [_Board(arm, p, presses) for p in sorted({press.patch for press in presses})]
+    boards = [_seen(arm, p, presses) for p in sorted({press.patch for press in presses})]
     sigma = WIDE * place_sd
-    for board in boards:
-        board.start(sigma)
-        board.fit(sigma)
     for _ in range(ROUNDS):
-        freedom = sum(max(2 * int(board.kept.sum()) - 3, 0) for board in boards)
+        length = [board.pose(sigma).length for board in boards]
+        near = np.concatenate(length)
+        near = near[near < OUTLIER]
+        freedom = max(2 * len(near) - 3 * len(boards), 0)
         # the contacts' own part of the residuals is small beside that of the places
         said = PRIOR_FREEDOM * (place_sd / sigma) ** 2
-        sigma *= math.sqrt((sum(board.square for board in boards) + said) / (freedom + PRIOR_FREEDOM))
-        for board in boards:
-            board.fit(sigma)
-    return Location([board.located(sigma) for board in boards], sigma)
+        sigma *= math.sqrt((float(near @ near) + said) / (freedom + PRIOR_FREEDOM))
+    return Location([_located(arm.patches[board.patch], arm, board, sigma) for board in boards], sigma)
 
 
-def _contacts(placed: PlacedPatch, readings: Sequence[Floats]) -> list[tuple[complex, Floats] | None]:
-    """Return place (u + iv) and covariance of the contact on a board alone; None without one, or with two."""
+def _seen(arm: Arm, p: int, presses: Sequence[PlacedPress]) -> _Seen:
+    """Return what a board sees, by a contact of its own law on the board alone."""
+    own, placed = np.array([k for k, press in enumerate(presses) if press.patch == p]), arm.patches[p]
     patch, size = placed.patch, 4.0 * max(placed.patch.size)
     if isinstance(patch.law, Radial) and patch.law.misfit_profile is None:
         # one tool makes all the presses: with a size for each, places near the rim scatter more
         law = replace(patch.law, misfit_profile=patch.law.misfit * np.abs(patch.law.table))
         patch = replace(patch, law=law)
-    flat = replace(placed, patch=patch, link=0, s=0.5 * size, a=0.0, yaw=0.0, bus=0)
-    estimator = Estimator(Arm("board", [Link("board", Surface.plane(size, size))], [flat]), level="fit")
-    found: list[tuple[complex, Floats] | None] = []
-    for row in readings:
-        contacts = estimator.update(row, 0)
-        order = np.argsort(-contacts.force)
-        rivals = contacts.force[order] > SECOND * contacts.force.max(initial=0.0)
-        if rivals.sum() != 1 or not np.isfinite(contacts.covariance[order[0], :2, :2]).all():
-            found.append(None)
-            continue
-        best = order[0]
-        place = complex(contacts.s[best] - 0.5 * size, contacts.a[best])
-        found.append((place, contacts.covariance[best, :2, :2]))
-    return found
+    alone = replace(placed, patch=patch, link=0, s=0.5 * size, a=0.0, yaw=0.0, bus=0)
+    board = Arm("board", [Link("board", Surface.plane(size, size))], [alone])
+    s, a, _, sd, second = strongest(board, np.array([presses[k].readings for k in own])).T
+    usable = np.isfinite(s) & (second <= SECOND)
+    felt = (s - 0.5 * size + 1j * a) * np.exp(1j * placed.yaw)
+    along, across = np.array([(presses[k].s, presses[k].a) for k in own]).T
+    x, y = arm.links[placed.link].surface.develop(along, across, placed.a)
+    said = np.asarray(x - placed.s + 1j * y)
+    return _Seen(p, own[usable], tuple(own[~usable].tolist()), felt[usable], said[usable], sd[usable])
+
+
+def _located(placed: PlacedPatch, arm: Arm, board: _Seen, sigma: float) -> Located:
+    found, n, surface = board.pose(sigma), len(board.press), arm.links[placed.link].surface
+    x, y, turn = found.values.tolist()
+    s, a = surface.undevelop(placed.s + x, y, placed.a)
+    # on a cone the direction of s at the new place is turned
+    slant = surface.taper * float(surface.wrap(a - placed.a)) / surface.radius
+    misfits = n > 2 and found.score > 0.3 * n * OUTLIER**2
+    is_mirrored = misfits and board.pose(sigma, mirrored=True).score < 0.3 * found.score
+    spread, kept = np.sqrt(np.diag(found.covariance)), found.length < OUTLIER
+    return Located(
+        board.patch,
+        float(s),
+        float(a),
+        math.remainder(placed.yaw + turn - slant, math.tau),
+        found.covariance,
+        tuple(board.press[kept].tolist()),
+        tuple(board.press[~kept].tolist()),
+        board.unusable,
+        (x, y, turn),
+        is_turned=abs(turn) > TURNED and not is_mirrored,
+        is_mirrored=is_mirrored,
+        unknown=tuple(np.array(["s", "a", "yaw"])[spread > KNOWN * np.array(PRIOR_SD)].tolist()),
+    )
+
+
+def strongest(arm: Arm, readings: Floats) -> Floats:
+    """Return the strongest contact of each row of readings (n, n_tactels) Pa; NaN where there is none.
+
+    Its s, a (m), force (N), the standard deviation of its place along each direction (m), and the force of
+    the second contact as a part of its own: (n, 5).
+    """
+    estimator, out = Estimator(arm, "fit"), np.full((len(readings), 5), np.nan)
+    for k, row in enumerate(readings):
+        found = estimator.update(row, k)
+        if len(found):
+            forces, best = np.sort(found.force)[::-1], int(found.force.argmax())
+            sd = math.sqrt(0.5 * np.trace(found.covariance[best, :2, :2]))
+            out[k] = found.s[best], found.a[best], forces[0], sd, forces[1:2].sum() / forces[0]
+    return out

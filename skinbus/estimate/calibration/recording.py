@@ -2,8 +2,7 @@
 
 The clocks of skin, robot and force sensor differ by an unknown offset. It is the lag of the largest
 correlation between the load of the skin and a signal of the other clock that rises under a press: the force,
-or how near the tool is and how still it stands. Parts of the recording give it one by one; their scatter is
-its uncertainty.
+or how near the tool is and how still it stands.
 """
 
 from __future__ import annotations
@@ -12,18 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import correlate, correlation_lags
 
 Floats = npt.NDArray[np.float64]
 
 STEP_S = 0.005
 """Of the signals that are correlated: finer than the cycles of any skin, which are 1 to 20 ms."""
-PARTS = 6
-"""Of a recording that give the offset one by one."""
-ALIKE = 0.3
-"""Least correlation of a part that says something of the offset."""
-MAX_OFFSET_S = 120.0
-"""Clocks that differ by more are no clocks of one experiment, unless the search begins elsewhere."""
 SLOW = 2e-3
 """m/s: half of a tool that stands still by the noise of its pose; one that travels does 20 to 500 mm/s."""
 NEAR = 1e-3
@@ -39,10 +33,9 @@ WINDOW_S, SHORTEST_S = 0.1, 0.15
 
 
 class ClockOffset(NamedTuple):
-    """What to add to times of another clock to get those of the skin, s; its sd; the correlation there."""
+    """What to add to times of another clock to get those of the skin, s; the correlation there."""
 
     s: float
-    sd: float
     correlation: float
 
 
@@ -53,12 +46,14 @@ class Hold(NamedTuple):
     end: float
 
 
+def _window(t: Floats) -> int:
+    """Return the samples of half a window."""
+    return max(1, round(0.5 * WINDOW_S / max(float(np.median(np.diff(t))), 1e-6)))
+
+
 def pose_signal(t: Floats, s: Floats, a: Floats, height: Floats | None) -> Floats:
     """Return (n,) from 0 to 1, large where a tool stands still and near; t in s, places in m."""
-    speed = np.hypot(np.gradient(s, t), np.gradient(a, t))
-    width = max(1, round(WINDOW_S / max(float(np.median(np.diff(t))), 1e-6)))
-    speed = np.convolve(np.pad(speed, width // 2, mode="edge"), np.ones(width) / width, "same")
-    speed = speed[width // 2 : width // 2 + len(t)]
+    speed = uniform_filter1d(np.hypot(np.gradient(s, t), np.gradient(a, t)), 2 * _window(t), mode="nearest")
     still = 1.0 / (1.0 + (speed / SLOW) ** 2)
     if height is None:
         return np.asarray(still)
@@ -69,34 +64,19 @@ def find_offset(t: Floats, load: Floats, t_other: Floats, other: Floats) -> Cloc
     """Return the offset of another clock; load (n,) at t, other (m,) at t_other, both rising under a press.
 
     Raises:
-        ValueError: one of the signals does not change, or nothing agrees.
+        ValueError: one of the signals does not change.
     """
     grid, there = np.arange(t[0], t[-1], STEP_S), np.arange(t_other[0], t_other[-1], STEP_S)
-    mine, theirs = np.interp(grid, t, load), np.interp(there, t_other, other)
+    mine, theirs = np.sqrt(np.maximum(np.interp(grid, t, load), 0.0)), np.interp(there, t_other, other)
     if len(grid) < 10 or len(there) < 10 or not mine.std() > 0.0 or not theirs.std() > 0.0:
         raise ValueError("a signal without a press in it")
     # both without their means, so that a long rest counts nothing
-    mine = np.sqrt(np.maximum(mine, 0.0))
     mine, theirs = mine - mine.mean(), theirs - theirs.mean()
-    lags = correlation_lags(len(mine), len(theirs)) * STEP_S
-    allowed = np.abs(lags) <= MAX_OFFSET_S + (grid[-1] - grid[0])
-    agree = np.where(allowed, correlate(mine, theirs, method="fft"), -np.inf)
+    agree = correlate(mine, theirs, method="fft")
     best = int(agree.argmax())
-    offset = float(lags[best] + grid[0] - there[0])
+    lag = float(correlation_lags(len(mine), len(theirs))[best] * STEP_S)
     correlation = float(agree[best] / np.sqrt((mine @ mine) * (theirs @ theirs)))
-    tried = np.arange(-0.5, 0.5, STEP_S)
-    own = []
-    for part in np.array_split(np.arange(len(grid)), PARTS):
-        scores = [_going(mine[part], np.interp(grid[part] - offset - one, there, theirs)) for one in tried]
-        if max(scores) >= ALIKE:
-            own.append(float(tried[int(np.argmax(scores))]))
-    sd = float(np.std(own, ddof=1) / np.sqrt(len(own))) if len(own) > 2 else STEP_S
-    return ClockOffset(offset, max(sd, STEP_S / np.sqrt(12.0)), correlation)
-
-
-def _going(mine: Floats, theirs: Floats) -> float:
-    """Return how signals go together, 0 where one does not change."""
-    return float(np.corrcoef(mine, theirs)[0, 1]) if np.ptp(mine) > 0.0 and np.ptp(theirs) > 0.0 else 0.0
+    return ClockOffset(lag + float(grid[0] - there[0]), correlation)
 
 
 def load_of(pressures: Floats, threshold: Floats) -> Floats:
@@ -110,8 +90,7 @@ def load_of(pressures: Floats, threshold: Floats) -> Floats:
 
 def find_holds(t: Floats, load: Floats) -> list[Hold]:
     """Return the presses that are held; load (n,) at times t (n,) s."""
-    strong = float(np.quantile(load[load > 0.0], 0.9)) if (load > 0.0).any() else 0.0
-    half = max(1, round(0.5 * WINDOW_S / max(float(np.median(np.diff(t))), 1e-6)))
+    strong, half = float(np.quantile(load[load > 0.0], 0.9)) if (load > 0.0).any() else 0.0, _window(t)
     pressed = load > max(PRESSED * strong, 1e-300)
     # the mean of what follows less that of what precedes: noise is as small as the window is long
     means = np.convolve(np.pad(load, half, mode="edge"), np.ones(half) / half, "valid")
@@ -122,6 +101,6 @@ def find_holds(t: Floats, load: Floats) -> list[Hold]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(np.int8)))
     return [
         Hold(float(t[begin]), float(t[end - 1]))
-        for begin, end in zip(edges[::2], edges[1::2], strict=True)
+        for begin, end in edges.reshape(-1, 2)
         if t[end - 1] - t[begin] >= SHORTEST_S
     ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -15,8 +15,6 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.intp]
 Bools = npt.NDArray[np.bool_]
 
-WEAK = 0.3
-"""Part of a strong press below which readings give no place: it was beside the board, or on its neighbour."""
 BASE = 0.25
 """Part of the largest reading that is taken off before a centroid: under it is the foot of the law."""
 
@@ -93,6 +91,15 @@ class PressTable:
             out[rows] = self.arm.on_board(int(p), s[rows], a[rows])
         return out
 
+    def hull(self, rim: float) -> tuple[Floats, Floats]:
+        """Return the least and largest u, v of the tactels of the board of each press, (n, 2) m each.
+
+        rim: pitches that are added around them
+        """
+        each = [np.asarray(placed.patch.tactels_uv) for placed in self.arm.patches]
+        low, high = (np.array([end(uv, axis=0) for uv in each])[self.patch] for end in (np.min, np.max))
+        return low - rim * self.pitch, high + rim * self.pitch
+
     def own(self, p: int) -> Floats:
         """Return what a patch reads in its rows, (n_rows, its tactels) Pa."""
         return np.asarray(self.pressures[self.patch == p][:, self.arm.tactels_of(p)])
@@ -106,15 +113,14 @@ class PressTable:
         return d
 
 
-def tables_of(arm: Arm, presses: Sequence[Press]) -> list[tuple[PressTable, Ints]]:
-    """Return the presses of each kind of board as a table, with the line of each press.
+def tables_of(arm: Arm, presses: Sequence[Press]) -> Iterator[tuple[PressTable, Ints]]:
+    """Yield the presses of each kind of board as a table, with the line of each press.
 
     Boards are of a kind when they have the same tactels behind the same transducers: they share a law.
     """
     kinds: dict[tuple[Any, ...], list[int]] = {}
     for p in sorted({press.patch for press in presses}):
         kinds.setdefault(kind_of(arm, p), []).append(p)
-    tables = []
     for patches in kinds.values():
         part = Arm(arm.name, arm.links, [arm.patches[p] for p in patches], *arm.buses)
         rows = [press for press in presses if press.patch in patches]
@@ -124,19 +130,18 @@ def tables_of(arm: Arm, presses: Sequence[Press]) -> list[tuple[PressTable, Ints
             here = part.tactels_of(int(patch[k]))
             pressures[k, here] = press.readings
             noise[k, here] = np.nan if press.noise is None else press.noise
-        force = np.array([press.force for press in rows])
+        s, a, force = np.array([(press.s, press.a, press.force) for press in rows]).T
         table = PressTable(
             arm=part,
             patch=patch,
-            s=np.array([press.s for press in rows]),
-            a=np.array([press.a for press in rows]),
+            s=s,
+            a=a,
             force=None if np.isnan(force[0]) else force,
             pressures=pressures,
-            noise=noise if np.isfinite(noise).any() else None,
+            noise=noise,
             are_single=all(press.is_single for press in rows),
         )
-        tables.append((table, np.array([press.line for press in rows], np.intp)))
-    return tables
+        yield table, np.array([press.line for press in rows], np.intp)
 
 
 def kind_of(arm: Arm, p: int) -> tuple[Any, ...]:
@@ -147,23 +152,14 @@ def kind_of(arm: Arm, p: int) -> tuple[Any, ...]:
     return either, patch.diameter, patch.size, patch.transducer
 
 
-def read_uv(table: PressTable) -> Floats:
-    """Return where the readings alone put the presses, (n, 2) m on their boards; NaN where they are weak.
+def centroid(tactels_uv: Floats, readings: Floats) -> Floats:
+    """Return where readings (n_tactels,) of one board alone put a press, (2,) m on it.
 
-    It is the centroid of what rises above a quarter of the largest reading: no law is needed for it. It errs
-    by up to a quarter of the pitch, and stays within the tactels.
+    No law is needed for the centroid of what rises above a quarter of the largest reading. It errs by up to a
+    quarter of the pitch, and stays within the tactels.
     """
-    strong = np.nan_to_num(table.pressures).max(axis=1) / table.forces
-    out = np.full((len(table), 2), np.nan)
-    for p in np.unique(table.patch).tolist():
-        rows = np.flatnonzero(table.patch == p)
-        own = np.nan_to_num(table.own(p))
-        weight = np.maximum(own - BASE * own.max(axis=1, keepdims=True), 0.0)
-        total = weight.sum(axis=1)
-        enough = (strong[rows] > WEAK * np.quantile(strong[rows], 0.75)) & (total > 0.0)
-        uv = np.asarray(table.arm.patches[p].patch.tactels_uv)
-        out[rows[enough]] = (weight @ uv)[enough] / total[enough, None]
-    return out
+    weight = np.maximum(readings - BASE * np.nanmax(readings), 0.0)
+    return np.asarray(np.nan_to_num(weight) @ tactels_uv / np.nansum(weight))
 
 
 def mean_and_noise(cycles: Floats) -> tuple[Floats, Floats]:

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.calibration import gate
-from skinbus.estimate.calibration.table import Press, read_uv, tables_of
+from skinbus.estimate.calibration.table import Press, centroid
 from skinbus.estimate.calibration.validation import next_place
 from skinbus.master.commissioning.press_dialogue import HELP, Board, HandPress, PressDialogue
 from skinbus.model import Arm
@@ -126,8 +126,7 @@ class PressGuide(PressDialogue):
         made = Press(self._patch, s, a, self._force, press.readings[here], noise=press.noise[here])
         patch = self.arm.patches[self._patch].patch
         uv = np.asarray(patch.tactels_uv)
-        ((table, _),) = tables_of(self.arm, [made])
-        (read,) = read_uv(table)
+        read = centroid(uv, made.readings)
         off = float(np.hypot(*(np.clip(self._uv, uv.min(axis=0), uv.max(axis=0)) - read)))
         if off > STRAY * patch.pitch:
             (s,), (a,) = self.arm.on_link(self._patch, read[None])

@@ -141,7 +141,6 @@ def test_learning_comes_to_rest_where_no_radial_law_is_true_and_says_how_wrong_i
         ({"pressures": np.full((2, 16), np.nan)}, "usable"),
         ({"pressures": np.zeros((2, 16))}, "places"),
         ({"pressures": -np.ones((2, 16))}, "places"),
-        ({"reach": 0.0}, "reach"),
     ],
 )
 def test_what_cannot_be_learned_from_is_refused(change, words):

@@ -21,7 +21,7 @@ def force_at(t, begin, end, newton):
 
 
 @pytest.mark.parametrize("shift", [-7.3, 0.012, 41.7])
-def test_offset_of_a_force_sensor_is_within_what_is_said_of_it(shift):
+def test_offset_of_a_force_sensor_is_found(shift):
     rng = np.random.default_rng(SEED)
     presses = pressed(rng)
     # the skin was recorded long before the sensor was
@@ -30,8 +30,7 @@ def test_offset_of_a_force_sensor_is_within_what_is_said_of_it(shift):
     force = force_at(t_force, *presses) + 0.2 * rng.standard_normal(len(t_force))
     found = find_offset(t, load, t_force - shift, force)
     assert found.correlation > 0.9
-    assert found.sd < 0.01
-    assert abs(found.s - shift) < max(4.0 * found.sd, 0.008)
+    assert abs(found.s - shift) < 0.008
 
 
 @pytest.mark.parametrize("with_height", [True, False])

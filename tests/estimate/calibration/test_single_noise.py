@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skinbus.estimate import Estimator
-from skinbus.estimate.calibration.gate import single_noise
+from skinbus.estimate import Estimator, learn_radial_law
 from skinbus.estimate.calibration.table import PressTable, mean_and_noise
-from skinbus.estimate.calibration.validation import learn
+from skinbus.estimate.calibration.validation import PLACE_SD, single_noise
 from skinbus.model import Arm, Radial
 from skinbus.model.patch import grid
 
@@ -43,7 +42,8 @@ def pressed():
 
 @pytest.fixture(scope="module")
 def learned(pressed):
-    return learn(pressed, maps=False)
+    made = (pressed.arm, pressed.s, pressed.a, pressed.force, pressed.pressures)
+    return learn_radial_law(*made, place_sd=PLACE_SD, maps=False)
 
 
 def n_false(arm):
