@@ -325,7 +325,7 @@ def _force_faults(table: PressTable, shipped: HeldOutErrors, errors: HeldOutErro
         unit = f", as by {' or by '.join(near)}" if near else ""
         yield (
             f"the pressures under a press add up to {off:.3g} times its force: forces or pressures are off "
-            f"by a factor near 10^{round(math.log10(off))}{unit}. Only the ratio of force_n and the full scale "
+            f"by a factor near 10^{round(math.log10(off))}{unit}. Only the ratio of force_n and full scale "
             "in the EDS is seen here, and only within a factor of three"
         )
     error = errors.relative_force(table.force)
