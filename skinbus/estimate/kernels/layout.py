@@ -235,7 +235,7 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
         n, step = len(values), law.step / unit
         size = np.abs(values)
         within = min(int(np.flatnonzero(size > CORE_PART * size.max())[-1]) + 1, n - 1)
-        reach = step * (n - 1.0)
+        reach = step * max(n - 1.0, 0.5)  # a law of one point is one tactel's
         par[i, : MISFIT + 1] = (
             RADIAL,
             0.0,

@@ -73,7 +73,7 @@ class Work(NamedTuple):
     status: Ints
     residual: Floats
     covariance: Floats  # (c, 3, 3) of s, a, force
-    is_sure: Bools  # (c,) whether its readings prove a contact, or a tactel of it is held
+    proof: Ints  # (c,) of a contact: 0 none, 1 its readings, 2 a tactel of it was touched before
     alive: Bools  # (c,) False for contacts taken back
     group: Ints  # (c,) first contact of its group
     again: Bools  # (c,) whether the group of this first contact is to be solved
@@ -94,7 +94,6 @@ class Search(NamedTuple):
     felt_by: Ints  # (n, g) contacts that reach the tactel
     n_felt_by: Ints  # (n,)
     weight: Floats  # (n,) 1 / Pa^2; 0 where a reading is one-sided and satisfied
-    excess: Floats  # (1,) by what the variances are multiplied where no contacts explain the readings
     tailed: Ints  # (1,) whether errors have tails under any law
     pull: Floats  # (n,) Pa, residual less the offset of the board
     row: Floats  # (m,) scratch
@@ -173,7 +172,7 @@ def make_workspace(lay: Layout) -> Work:
         status=ints(c),
         residual=np.zeros(c),
         covariance=np.zeros((c, 3, 3)),
-        is_sure=flags(c),
+        proof=ints(c),
         alive=flags(c),
         group=ints(c),
         again=flags(c),
@@ -196,7 +195,6 @@ def make_search(lay: Layout) -> Search:
         felt_by=z((n, g), np.int64),
         n_felt_by=z(n, np.int64),
         weight=z(n),
-        excess=z(1),
         tailed=z(1, np.int64),
         pull=z(n),
         row=z(m),

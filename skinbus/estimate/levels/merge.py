@@ -264,7 +264,7 @@ def write_contacts(lay: Layout, w: Work, n_clusters: int, least: float) -> None:
         w.n_tactels[k] = n
         w.level[k], w.status[k] = 0, 0
         w.quality[k] = 0
-        w.is_sure[k] = is_held or evidence >= EVIDENCE
+        w.proof[k] = 2 if is_held else 1 if evidence >= EVIDENCE else 0
         w.residual[k] = 0.0
         w.covariance[k] = 0.0
         w.alive[k] = True

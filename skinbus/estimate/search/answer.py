@@ -16,7 +16,7 @@ from skinbus.estimate.kernels.law import amplitude, log_force_at
 from skinbus.estimate.kernels.layout import PEAK, Floats, Layout
 from skinbus.estimate.kernels.workspace import KINDS, SATURATED, Search, Work
 from skinbus.estimate.search.evidence import RIVAL, TIP, best_of, misfit, prepare
-from skinbus.estimate.search.least_squares import CONVERGED, invert, keep_on_board
+from skinbus.estimate.search.least_squares import CONVERGED, factorise, invert, keep_on_board, write_equations
 from skinbus.jit import inner_kernel
 
 REFUTED: Final = 0.2
@@ -99,6 +99,11 @@ def write_moments(lay: Layout, w: Work, q: Search, link: int, best: int, k: int)
         if (h == best) != (turn == q.n_hypotheses[0]) or not is_rival(q, h, best):
             continue
         prepare(lay, w, q, link, h)
+        for t in range(q.n_listed[0]):  # a bound says nothing of how far beyond
+            if w.state[q.listed[t]] == SATURATED:
+                q.weight[t] = 0.0
+        write_equations(lay, w, q, q.theta, q.h_count[h])
+        factorise(q, dof * q.h_count[h], 0.0)
         invert(q, dof * q.h_count[h])
         share = math.exp(q.h_score[h] - q.h_score[best])
         total += share
@@ -156,7 +161,7 @@ def flag_contact(
         flags |= OVER_BUDGET
     w.quality[to], w.status[to], w.n_tactels[to] = flags, q.h_status[best], n_felt
     w.patch[to], w.link[to] = lay.patch[home], link
-    w.residual[to] = math.sqrt(q.excess[0] * q.h_chi2[best, 0] / max(q.h_chi2[best, 1], 1.0))
+    w.residual[to] = math.sqrt(q.h_chi2[best, 0] / max(q.h_chi2[best, 1], 1.0))
 
 
 @inner_kernel

@@ -17,7 +17,7 @@ from skinbus.estimate.kernels.geometry import distance, separation, surface_of
 from skinbus.estimate.kernels.law import amplitude, core, peak, reach
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.workspace import GROUP, NO_VALUE, Search, Work
-from skinbus.estimate.levels.merge import EVIDENCE
+from skinbus.estimate.levels.merge import EVIDENCE, FAINT_EVIDENCE
 from skinbus.estimate.search.answer import write_answer
 from skinbus.estimate.search.evidence import (
     RIVAL,
@@ -30,7 +30,7 @@ from skinbus.estimate.search.evidence import (
     top_score,
     write_chi2,
 )
-from skinbus.estimate.search.model import NOISE, TAIL, predict, press, weigh
+from skinbus.estimate.search.model import NOISE, predict, press, weigh
 from skinbus.estimate.search.moves import expand
 from skinbus.jit import inner_kernel
 
@@ -38,8 +38,6 @@ PATIENCE: Final = 1
 """Rivals of the best hypothesis that are expanded after it, at ``full`` and where the best misfits."""
 ODDS_MOVED: Final = -3.0
 """Log prior odds that the zeros of boards have moved since a baseline has seen them."""
-ROUNDS: Final = 10
-"""Of a scale: each halves what is missing of it."""
 GROWTH: Final = 0.5
 """log force by which contacts may yet grow when groups are made."""
 
@@ -72,7 +70,7 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
         if not w.alive[c]:
             continue
         if w.level[c] == 0:  # no time was left for its group
-            if not w.is_sure[c]:
+            if w.proof[c] == 0:
                 continue
             w.quality[c] |= OVER_BUDGET
         move_contact(w, c, kept)
@@ -147,83 +145,62 @@ def list_tactels(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
 
 
 @inner_kernel
-def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full: bool) -> None:
-    """Search the contacts of a group and write its answer; or only fit them, if others press its tactels."""
-    link, k, is_sure = w.link[first], 0, False
+def take_group(w: Work, q: Search, first: int) -> tuple[int, int]:
+    """Write the contacts of a group to ``theta``, their rows to ``rows``; return their number and proof."""
+    k, proof = 0, 0
     for c in range(w.n_contacts[0]):
         if w.alive[c] and w.group[c] == first and k < GROUP:
             for x in range(4):
                 q.theta[k, x] = w.place[c, x]
-            is_sure |= w.is_sure[c]
+            q.rows[k], proof = c, max(proof, w.proof[c])
             k += 1
+    return k, proof
+
+
+@inner_kernel
+def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full: bool) -> None:
+    """Search the contacts of a group and write its answer; or only fit them, if others press its tactels."""
+    link, (k, proof) = w.link[first], take_group(w, q, first)
     list_tactels(lay, w, q, link, k)
-    n, home = q.n_listed[0], q.listed[0]
+    n, home, is_pressed = q.n_listed[0], q.listed[0], False
     if n == 0:
         return
     for t in range(n):
         q.back[t] = 0.0
         home = q.listed[t] if w.p[q.listed[t]] > w.p[home] else home
-    kind = set_priors(lay, q, lay.law[home])
     for c in range(w.n_contacts[0]):
         if w.alive[c] and w.group[c] != first and w.link[c] == link:
             press(lay, q, link, w.place, c, q.back, -1)
-    for c in range(k):
-        q.kind[c], q.theta[c, 3] = kind, q.kind_mean[kind]
-    q.n_hypotheses[0] = q.offsets[0] = 0
-    q.excess[0], q.tailed[0] = 1.0, 0
-    pressed = False
     for t in range(n):
-        pressed |= q.back[t] > lay.sigma[q.listed[t]]
-    if not (search or pressed):
+        is_pressed |= q.back[t] > lay.sigma[q.listed[t]]
+    if not (search or is_pressed):
         return
-    weigh(lay, w, q, link, q.theta, k)
-    consider(lay, w, q, link, k, k)
-    if q.n_hypotheses[0] == 0:
-        w.again[first] = is_over(w)
-        return
-    if not search:
-        row = 0
+    kind = set_priors(lay, q, lay.law[home])
+    for tailed in range(2):
+        k, proof = take_group(w, q, first)
         for c in range(k):
-            while not (w.alive[row] and w.group[row] == first):
-                row += 1
-            for x in range(4):
-                w.place[row, x] = q.h_theta[0, c, x]
-            row += 1
-        return
-    search_group(lay, w, q, link, full)
-    if misfit(q, best_of(q)) > 1.0 and not is_over(
-        w
-    ):  # no contacts explain the readings: the law is wrong by the rest
-        estimate_excess(lay, w, q, link, best_of(q))
-        for h in range(q.n_hypotheses[0]):
-            q.h_done[h] = False
+            q.kind[c], q.theta[c, 3] = kind, q.kind_mean[kind]
+        q.n_hypotheses[0], q.offsets[0], q.tailed[0] = 0, 0, tailed
+        weigh(lay, w, q, link, q.theta, k)
+        consider(lay, w, q, link, k, k)
+        if q.n_hypotheses[0] == 0:
+            return
+        if not search:
+            for c in range(k):
+                for x in range(4):
+                    w.place[q.rows[c], x] = q.h_theta[0, c, x]
+            return
         search_group(lay, w, q, link, full)
-    best = best_of(q)
-    k, theta = q.h_count[best], q.h_theta[best]
-    if (
-        not is_sure
-        and predict(lay, w, q, link, theta, 0, NOISE) - predict(lay, w, q, link, theta, k, NOISE) < EVIDENCE
-    ):
-        for c in range(w.n_contacts[0]):
-            w.alive[c] = w.alive[c] and w.group[c] != first
-        return
+        if misfit(q, best_of(q)) <= 1.0 or is_over(w):
+            break  # else no contacts explain the readings: their errors have tails
+    if misfit(q, best_of(q)) <= 1.0 and not (proof > 0 and is_over(w)):
+        k, theta = q.h_count[best_of(q)], q.h_theta[best_of(q)]
+        gain = predict(lay, w, q, link, theta, 0, NOISE) - predict(lay, w, q, link, theta, k, NOISE)
+        if gain < (FAINT_EVIDENCE if proof == 2 else EVIDENCE):  # noise reads as much
+            for c in range(w.n_contacts[0]):
+                w.alive[c] = w.alive[c] and w.group[c] != first
+            return
     write_answer(lay, w, q, link, first, full, is_over(w))
-
-
-@inner_kernel
-def estimate_excess(lay: Layout, w: Work, q: Search, link: int, h: int) -> None:
-    """Write ``excess``: the scale of what hypothesis h leaves; errors have tails from now on."""
-    prepare(lay, w, q, link, h)
-    excess = 1.0
-    for _ in range(ROUNDS):
-        total, n = 0.0, 0
-        for t in range(q.n_listed[0]):
-            if q.weight[t] > 0.0 and q.n_felt_by[t] > 0:
-                square = q.pull[t] * q.pull[t] / q.variance[t]
-                total += square * (TAIL + 1.0) / (TAIL + square / excess)
-                n += 1
-        excess = max(total / max(n, 1), 1.0)
-    q.excess[0], q.tailed[0] = excess, 1
 
 
 @inner_kernel

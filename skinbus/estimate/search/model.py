@@ -119,7 +119,7 @@ def weigh(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) -> 
             else:
                 wrong = SIZE_MODES * amp * at_peak
             variance += wrong * wrong
-        q.variance[t] = q.excess[0] * variance
+        q.variance[t] = variance
         misfit = 1.0 - lay.sigma[i] * lay.sigma[i] / variance
         q.tail[t] = TAIL if q.tailed[0] else 4.0 + (TAIL - 4.0) / max(misfit * misfit, LEAST_TAILED)
 

@@ -31,11 +31,14 @@ from skinbus.estimate.search.least_squares import invert, keep_on_board
 from skinbus.jit import inner_kernel
 
 FELT, ENOUGH = 3.0, 4
-"""A tactel feels something by so many standard deviations; a contact that so many feel has one mode."""
+"""Standard deviations from which on a residual may be a contact; tactels to which a contact alone gives the
+threshold, from which on it has one mode."""
 AROUND, DIRECTIONS = 0.6, 5
 """Pitches at which places around a contact are tried, and how many."""
 EVIDENT: Final = 16.0
 """chi^2 from which on another contact can gain more than it costs."""
+PER_CONTACT: Final = 5
+"""Tactels for each contact of a group before one is added: three or four unknowns, and one to spare."""
 SPLITS: Final = (0.5, 1.0)
 """Pitches from the middle at which a contact is divided into two."""
 BESIDE: Final = 3.0
@@ -50,10 +53,11 @@ def expand(lay: Layout, w: Work, q: Search, link: int, h: int, full: bool) -> No
     q.n_plans[0] = 0
     if q.dof[0] == 4:
         propose_sizes(q, h)
-    propose_places(lay, w, q, link, h)
+    propose_places(lay, q, link, h)
     if q.h_count[h] > 1:
         propose_fewer(lay, q, link, h)
-    if (full or misfit(q, h) > 1.0) and q.h_chi2[h, 0] > EVIDENT and q.h_count[h] < GROUP:
+    most = min(GROUP, q.n_listed[0] // PER_CONTACT)
+    if (full or misfit(q, h) > 1.0) and q.h_chi2[h, 0] > EVIDENT and q.h_count[h] < most:
         propose_more(lay, q, link, h)
     for move in range(q.n_plans[0]):
         free = int(q.plan[move, 2])
@@ -122,23 +126,22 @@ def propose_sizes(q: Search, h: int) -> None:
 
 
 @inner_kernel
-def propose_places(lay: Layout, w: Work, q: Search, link: int, h: int) -> None:
+def propose_places(lay: Layout, q: Search, link: int, h: int) -> None:
     """Propose places around each contact that few tactels feel: another mode reads alike there."""
     surface, laws, tables, away = surface_of(lay.link, link), lay.law_par, lay.law_table, AROUND * q.pitch[0]
     for c in range(q.h_count[h]):
         s, a, n_felt, home, nearest = q.theta[c, 0], q.theta[c, 1], 0, -1, math.inf
+        law = lay.law[q.listed[0]]
+        amp = amplitude(laws, law, q.theta[c, 2])[0]
         for t in range(q.n_listed[0]):
             i = q.listed[t]
             d = distance(surface, s, a, lay.s[i], lay.a[i])
+            n_felt += pressure(laws, tables, law, amp, d)[0] >= lay.threshold[i]
             if d < nearest:
                 home, nearest = i, d
-            for x in range(q.n_felt_by[t]):
-                is_felt = w.p[i] >= lay.threshold[i]
-                n_felt += is_felt and q.felt_by[t, x] == c
         if n_felt >= ENOUGH and misfit(q, h) <= 1.0:
             continue
-        law = lay.law[home]
-        p = pressure(laws, tables, law, amplitude(laws, law, q.theta[c, 2])[0], nearest)[0]
+        p = pressure(laws, tables, law, amp, nearest)[0]
         outward = math.atan2(wrap(a - lay.a[home], surface.period), s - lay.s[home])
         for turn in range(DIRECTIONS):
             angle = outward + 2.0 * math.pi * (turn + 0.5) / DIRECTIONS
