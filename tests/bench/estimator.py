@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 import pickle
+import re
 import subprocess
 import sys
 import time
@@ -178,7 +179,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-n", type=int, default=100, help="cases of each family")
     parser.add_argument("--beside", type=Path, help="another tree of the project")
-    parser.add_argument("--only", default="", help="part of the names of families")
+    parser.add_argument("--only", default="", help="regular expression of the families")
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.serve:
@@ -195,7 +196,7 @@ def main():
     ]
     print("| family | level |", " | ".join(COLUMNS), "|\n|" + "---|" * (len(COLUMNS) + 2))
     for name, (skin_of, draw) in families().items():
-        if args.only not in name:
+        if not re.search(args.only, name):
             continue
         found = [{level: [] for level in LEVELS} for _ in workers]
         for arm, touches, readings in cases(name, skin_of, draw, args.n):

@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from skinbus.estimate.budget import is_over
+from skinbus.estimate.budget import DONE, MOST, is_over
+from skinbus.estimate.kernels.board_places import off_board, onto_board
 from skinbus.estimate.kernels.constants import OVER_BUDGET
 from skinbus.estimate.kernels.geometry import distance, separation, surface_of
 from skinbus.estimate.kernels.law import amplitude, core, peak, reach
@@ -55,16 +56,23 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
         for c in range(w.n_contacts[0]):
             w.again[c] = w.again[c] or turn == 1
         while not is_over(w):
-            first, strongest = -1, -math.inf
+            first, strongest, waiting = -1, -math.inf, 0
             for c in range(w.n_contacts[0]):
                 if w.alive[c] and w.again[w.group[c]]:
+                    waiting += w.group[c] == c
                     height = peak(lay.law_par, lay.law[lay.patch_start[w.patch[c]]], w.place[c, 2])
                     if height > strongest:
                         first, strongest = w.group[c], height
             if first < 0:
                 break
             w.again[first] = False
+            most = w.work[MOST]
+            w.work[MOST] = w.work[DONE] + (most - w.work[DONE]) // max(
+                waiting, 1
+            )  # what it leaves is for others
             solve_group(lay, w, q, first, turn > 0, full)
+            if w.work[MOST] >= 0:  # else the time is over
+                w.work[MOST] = most
     kept = 0
     for c in range(w.n_contacts[0]):
         if not w.alive[c]:
@@ -73,9 +81,21 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
             if w.proof[c] == 0:
                 continue
             w.quality[c] |= OVER_BUDGET
+            write_unfitted(lay, w, q, c)
         move_contact(w, c, kept)
         kept += 1
     w.n_contacts[0] = kept
+
+
+@inner_kernel
+def write_unfitted(lay: Layout, w: Work, q: Search, c: int) -> None:
+    """Bring a contact of the clusters onto its board: a pitch and all of its force are not certain."""
+    place = w.place[c]
+    if off_board(lay, w.link[c], w.patch[c], place) > 0.0:
+        onto_board(lay, w.link[c], w.patch[c], place)
+    w.covariance[c] = 0.0
+    w.covariance[c, 0, 0] = w.covariance[c, 1, 1] = q.pitch[0] ** 2
+    w.covariance[c, 2, 2] = math.exp(2.0 * place[2])
 
 
 @inner_kernel
