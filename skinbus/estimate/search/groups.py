@@ -165,6 +165,22 @@ def list_tactels(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
 
 
 @inner_kernel
+def is_beside(lay: Layout, w: Work, q: Search, link: int, c: int, k: int) -> bool:
+    """Return whether contact c may press a tactel that the k contacts of ``theta`` reach."""
+    surface, laws, law, near = (
+        surface_of(lay.link, link),
+        lay.law_par,
+        lay.law[lay.patch_start[w.patch[c]]],
+        False,
+    )
+    own = reach(laws, law, amplitude(laws, law, w.place[c, 2])[0]) + q.pitch[0]
+    for e in range(k):
+        far = own + reach(laws, law, amplitude(laws, law, q.theta[e, 2] + GROWTH)[0])
+        near |= separation(surface, w.place[c, 0], w.place[c, 1], q.theta[e, 0], q.theta[e, 1])[0] < far * far
+    return near
+
+
+@inner_kernel
 def take_group(w: Work, q: Search, first: int) -> tuple[int, int]:
     """Write the contacts of a group to ``theta``, their rows to ``rows``; return their number and proof."""
     k, proof = 0, 0
@@ -189,7 +205,7 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
         q.back[t] = 0.0
         home = q.listed[t] if w.p[q.listed[t]] > w.p[home] else home
     for c in range(w.n_contacts[0]):
-        if w.alive[c] and w.group[c] != first and w.link[c] == link:
+        if w.alive[c] and w.group[c] != first and w.link[c] == link and is_beside(lay, w, q, link, c, k):
             press(lay, q, link, w.place, c, q.back, -1)
     for t in range(n):
         is_pressed |= q.back[t] > lay.sigma[q.listed[t]]

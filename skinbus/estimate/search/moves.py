@@ -8,12 +8,12 @@ readings leave something open are moved:
 move     proposes                                               for a contact
 =======  =====================================================  ==============================================
 sizes    the other kinds of size                                whose readings do not refute them
-places   places around it, with the force that its nearest      that few tactels feel, or that misfits
+places   places around it, with the force that its nearest      that few tactels feel
          tactel then reads
 fewer    to leave it out, its neighbour taking over;            whose force is uncertain;
          one in place of two                                    of the closest pair
 more     one more at the two largest residuals;                 (any hypothesis that misfits, or at ``full``)
-         to divide it along the line of the residuals           beside residuals above noise
+         to divide it along the residuals, or across            beside residuals above noise
 =======  =====================================================  ==============================================
 """
 
@@ -139,7 +139,7 @@ def propose_places(lay: Layout, q: Search, link: int, h: int) -> None:
             n_felt += pressure(laws, tables, law, amp, d)[0] >= lay.threshold[i]
             if d < nearest:
                 home, nearest = i, d
-        if n_felt >= ENOUGH and misfit(q, h) <= 1.0:
+        if n_felt >= ENOUGH:
             continue
         p = pressure(laws, tables, law, amp, nearest)[0]
         outward = math.atan2(wrap(a - lay.a[home], surface.period), s - lay.s[home])
@@ -209,8 +209,10 @@ def propose_more(lay: Layout, q: Search, link: int, h: int) -> None:
         if chi2 <= 0.0:  # noise alone explains what is left
             continue
         angle, half = 0.5 * math.atan2(2.0 * xy, xx - yy), theta[c, 2] - math.log(2.0)
-        for part in SPLITS:
-            x, y = part * pitch * math.cos(angle), part * pitch * math.sin(angle)
+        for turn in range(4):  # along it and, since neighbours pull too, across
+            part = SPLITS[turn % 2] * pitch
+            x, y = part * math.cos(angle), part * math.sin(angle)
+            angle += 0.5 * math.pi if turn == 1 else 0.0
             propose(q, c, -1)
             put(q, q.kind[c], s + x, a + y, half, theta[c, 3])
             put(q, q.kind[c], s - x, a - y, half, theta[c, 3])
