@@ -229,7 +229,7 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
         search_group(lay, w, q, link, full)
         if misfit(q, best_of(q)) <= 1.0 or is_over(w):
             break  # else no contacts explain the readings: their errors have tails
-    if misfit(q, best_of(q)) <= 1.0 and not (proof > 0 and is_over(w)):
+    if proof == 0 or (misfit(q, best_of(q)) <= 1.0 and not is_over(w)):
         k, theta = q.h_count[best_of(q)], q.h_theta[best_of(q)]
         gain = predict(lay, w, q, link, theta, 0, NOISE) - predict(lay, w, q, link, theta, k, NOISE)
         if gain < (FAINT_EVIDENCE if proof == 2 else EVIDENCE):  # noise reads as much
