@@ -259,7 +259,7 @@ class LoadMeter:
         """Set EXTENDED on contacts whose forces do not add up to the load, in place.
 
         ``loads`` are those measured last. Summed is over patches that one press may reach, where all contacts
-        have a standard deviation: level ``kmeans`` has none.
+        have a standard deviation: level ``kmeans`` has none. That of a contact that misfits is no excuse.
         """
         if not len(contacts):
             return
@@ -268,7 +268,8 @@ class LoadMeter:
         variance = contacts.covariance[:, 2, 2]
         unknown = np.bincount(press, variance <= 0.0, n) + np.bincount(root, loads.at_least, n)
         missing = np.bincount(root, loads.patches.force, n) - np.bincount(press, contacts.force, n)
-        spread = np.bincount(root, loads.patches.force_sd, n) ** 2 + np.bincount(press, variance, n)
+        sure = np.where(contacts.quality & Quality.MISFIT, 0.0, variance)
+        spread = np.bincount(root, loads.patches.force_sd, n) ** 2 + np.bincount(press, sure, n)
         extended = (unknown == 0.0) & (missing**2 > DIFFERENT**2 * spread)
         contacts.quality[extended[press]] |= Quality.EXTENDED
 
