@@ -197,6 +197,6 @@ def test_a_log_of_another_arm_leaves_what_was_there(field, here):
     for args in ((path,), (field, "-c", "can7")):
         result = export(*args, "--arm", "pad", "--out", "x.mcap")
         assert result.exit_code == 1
-        assert "sent readings" in result.output
+        assert "answered a SYNC with readings" in result.output
     assert Path("x.mcap").read_bytes() == before
     exported(field, "--arm", "pad", "--out", "x.mcap")  # an older export is replaced
