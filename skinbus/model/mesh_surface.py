@@ -11,7 +11,6 @@ Points are those of the mesh at the nodes of the grid, bilinear between them: 2 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -99,8 +98,3 @@ class MeshSurface(Surface):
         before, after = low + y * low_across, high + y * high_across
         along = (after - before) / self.step
         return before + x * (after - before), along, (low_across + x * (high_across - low_across)) / self.step
-
-
-def mesh_links(surfaces: Iterable[Surface]) -> list[int]:
-    """Return the numbers of the links that are meshes."""
-    return [k for k, surface in enumerate(surfaces) if isinstance(surface, MeshSurface)]

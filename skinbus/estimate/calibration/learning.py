@@ -5,7 +5,7 @@ The model of reading j in press i, at distance d_ij from it::
     p_ij = c_j F_i^e k(d_ij / w_j) + o_j + error,    var(error) = noise_j^2 + (c_j F_i^e m(d_ij))^2
 
 with gain c, width w and offset o of each tactel, drawn to 1, 1 and 0 by what real arrays scatter by, so that
-a tactel that presses tell little of keeps the shared profile. Place and force of a press err alike in all of
+a tactel of which presses say little keeps the shared profile. Place and force of a press err alike in all of
 its readings, so they are unknowns, too, drawn to what was said; by how much all these are drawn the presses
 refine. k is a table smoothed by a penalty on its third differences, whose weight generalised cross-validation
 chooses; m, the misfit, is a profile over the distance: a law is most wrong where it predicts next to nothing.
@@ -394,7 +394,7 @@ class _Fit:
         # where all that is quiet reads the same step, the residuals are none, and readings still uncertain
         self.noise = np.sqrt(np.maximum(noise2, self._floor**2))
         excess = square - self.noise[tactel] ** 2
-        # moments weighted by amplitude^2 / variance^2: strong presses tell most of what grows with force
+        # moments weighted by amplitude^2 / variance^2: strong presses determine most of what grows with force
         weight = (amplitude / self.variance) ** 2
         scale = by_bin(weight * amplitude**2)
         usable = (by_bin(np.ones(len(at))) >= MIN_READINGS) & (scale > 0.0)

@@ -26,8 +26,6 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 
 MODES: Final = 4
-FINGERTIP: Final = 12.25e-3
-"""m, D_0."""
 SPACING: Final = 0.125
 """Half widths (distances at which the law has half its peak), of the tables."""
 RADII: Final = (2.5e-3, 4.765e-3)
@@ -39,22 +37,8 @@ SMALL, USUAL = 0.18378, 0.60909
 FACTOR: Final = 1e-4
 """Of the peak, the unit of the tables."""
 
-FINGERS: Final = 0.6
-"""Prior share of fingertips of 10 to 15 mm, which what presses a skin is usually like."""
 OWN_SIZES: Final = (-0.69, 1.05)
 """u of a law that was learned: discs of 1 to 27 mm, which the modes are made from."""
-SIZES: Final = (0.0, -0.5, 0.62)
-SPREADS: Final = (0.17, 0.13, 0.3)
-SHARES: Final = (FINGERS, 0.2, 0.2)
-"""Prior of u: fingertips, tips of 2 to 8 mm, thumbs of 16 to 25 mm."""
-ANY_SIZE: Final = 0.55
-"""Standard deviation of u over all of them."""
-GAINS: Final = 0.37
-"""Part of the misfit of a law that is left where sizes are free: fingertips of 10 to 15 mm differ by 9 % from
-the law of all; the rest is gains that nobody has measured, 3.3 % of a reading."""
-COVERS: Final = 0.06
-"""Standard deviation of the relative width of a law: covers of one kind differ by as much in thickness."""
-
 LAYERS: Final = 0.1
 """Standard deviation of the logarithm of a cover's thickness over the usual one: with a wider prior the noise
 of a learned law is taken for another cover, and its sizes are wrong."""
@@ -145,18 +129,3 @@ def _read(tables: Floats, at: npt.NDArray[Any]) -> Floats:
     low = np.minimum((at / SPACING).astype(int), tables.shape[-1] - 2)
     t = np.clip(at / SPACING - low, 0.0, 1.0)
     return np.asarray((1.0 - t) * tables[..., low] + t * tables[..., low + 1])
-
-
-def unlike_law(step: float, table: Floats, modes: Floats) -> Floats:
-    """Return the root mean square (n,) 1/m^2 of what other sizes and covers change of a law, by distance.
-
-    The law has this table (n,) over distances in steps (m), its modes (4, n). Sizes have the prior of those
-    that press a skin, widths of the law a standard deviation of ``COVERS``.
-    """
-    spread = np.sqrt(np.average((np.array(SIZES) ** 2 + np.array(SPREADS) ** 2), weights=SHARES))
-    d = step * np.arange(len(table))
-    change = np.zeros(len(table))
-    for u in (-spread, spread):
-        change += 0.5 * (u ** np.arange(1, MODES + 1) @ modes) ** 2
-    slope = np.gradient(table, step) if len(table) > 1 else np.zeros(1)
-    return np.asarray(np.sqrt(change + (COVERS * (2.0 * table + d * slope)) ** 2))

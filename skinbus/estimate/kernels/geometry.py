@@ -30,18 +30,6 @@ def surface_of(links: npt.NDArray[np.float64], link: int) -> LinkSurface:
 
 
 @inner_kernel
-def is_flat(links: npt.NDArray[np.float64], link: int) -> bool:
-    """Return whether a link is a plane or a cylinder."""
-    return bool(links[link, 1] == 0.0)
-
-
-@inner_kernel
-def flat_of(links: npt.NDArray[np.float64], link: int) -> LinkSurface:
-    """Return the surface of a plane or a cylinder: the compiler leaves out what only a taper needs."""
-    return LinkSurface(links[link, 0], 0.0, links[link, 2], links[link, 3])
-
-
-@inner_kernel
 def wrap(a: float, period: float) -> float:
     """Return a brought to half a period (m) around 0; unchanged where there is none."""
     half = 0.5 * period

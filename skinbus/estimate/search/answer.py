@@ -99,11 +99,13 @@ def write_moments(lay: Layout, w: Work, q: Search, link: int, best: int, k: int)
         if (h == best) != (turn == q.n_hypotheses[0]) or not is_rival(q, h, best):
             continue
         prepare(lay, w, q, link, h)
-        for t in range(q.n_listed[0]):  # a bound says nothing of how far beyond
-            if w.state[q.listed[t]] == SATURATED:
-                q.weight[t] = 0.0
-        write_equations(lay, w, q, q.theta, q.h_count[h])
-        factorise(q, dof * q.h_count[h], 0.0)
+        is_bound = False
+        for t in range(q.n_listed[0]):
+            if w.state[q.listed[t]] == SATURATED and q.weight[t] > 0.0:
+                q.weight[t], is_bound = 0.0, True
+        if is_bound:  # which says nothing of how far beyond
+            write_equations(lay, w, q, q.theta, q.h_count[h])
+            factorise(q, dof * q.h_count[h], 0.0)
         invert(q, dof * q.h_count[h])
         share = math.exp(q.h_score[h] - q.h_score[best])
         total += share

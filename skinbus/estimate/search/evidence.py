@@ -60,8 +60,6 @@ ALIKE, ALIKE_FORCE = 0.05, 0.1
 """Pitches and log force within which two answers are the same."""
 SAME_SCORE: Final = 0.1
 """Log odds that the end of a fit can still gain: one that comes to a kept hypothesis is given up before."""
-UNSEEN: Final = 1.5
-"""Pitches: a contact among others whose place is less certain than this is none if readings are explained."""
 MISFIT_SIGMAS: Final = 4.0
 """Standard deviations of chi^2 from which on the law does not explain the readings."""
 STANDS_OUT: Final = 4.0

@@ -67,9 +67,8 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
                 break
             w.again[first] = False
             most = w.work[MOST]
-            w.work[MOST] = w.work[DONE] + (most - w.work[DONE]) // max(
-                waiting, 1
-            )  # what it leaves is for others
+            # what it leaves is for others
+            w.work[MOST] = w.work[DONE] + (most - w.work[DONE]) // max(waiting, 1)
             solve_group(lay, w, q, first, turn > 0, full)
             if w.work[MOST] >= 0:  # else the time is over
                 w.work[MOST] = most
@@ -167,12 +166,8 @@ def list_tactels(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
 @inner_kernel
 def is_beside(lay: Layout, w: Work, q: Search, link: int, c: int, k: int) -> bool:
     """Return whether contact c may press a tactel that the k contacts of ``theta`` reach."""
-    surface, laws, law, near = (
-        surface_of(lay.link, link),
-        lay.law_par,
-        lay.law[lay.patch_start[w.patch[c]]],
-        False,
-    )
+    surface, laws = surface_of(lay.link, link), lay.law_par
+    law, near = lay.law[lay.patch_start[w.patch[c]]], False
     own = reach(laws, law, amplitude(laws, law, w.place[c, 2])[0]) + q.pitch[0]
     for e in range(k):
         far = own + reach(laws, law, amplitude(laws, law, q.theta[e, 2] + GROWTH)[0])
@@ -229,8 +224,9 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
         search_group(lay, w, q, link, full)
         if misfit(q, best_of(q)) <= 1.0 or is_over(w):
             break  # else no contacts explain the readings: their errors have tails
-    if proof == 0 or (misfit(q, best_of(q)) <= 1.0 and not is_over(w)):
-        k, theta = q.h_count[best_of(q)], q.h_theta[best_of(q)]
+    best = best_of(q)
+    if proof == 0 or (misfit(q, best) <= 1.0 and not is_over(w)):
+        k, theta = q.h_count[best], q.h_theta[best]
         gain = predict(lay, w, q, link, theta, 0, NOISE) - predict(lay, w, q, link, theta, k, NOISE)
         if gain < (FAINT_EVIDENCE if proof == 2 else EVIDENCE):  # noise reads as much
             for c in range(w.n_contacts[0]):

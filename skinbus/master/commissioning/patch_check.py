@@ -154,7 +154,7 @@ class PatchCheck(ScriptCore):
         yield from self.reset()
 
     def sends(self, base: int, data: bytes | None = None) -> Callable[[Frame], bool]:
-        """Return what tells frames of a service of the patch (COB-ID less node-ID), and with these data."""
+        """Return what identifies frames of a service of the patch (COB-ID less node-ID) with these data."""
 
         def is_it(frame: Frame) -> bool:
             is_own = frame.can_id == base + self.node_id and not frame.flags
@@ -164,7 +164,7 @@ class PatchCheck(ScriptCore):
 
     @property
     def is_beat(self) -> Callable[[Frame], bool]:
-        """What tells its heartbeats and boot-up messages."""
+        """What identifies its heartbeats and boot-up messages."""
         return self.sends(cia.HEARTBEAT_BASE)
 
     def command(
