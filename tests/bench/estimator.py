@@ -18,6 +18,7 @@ import sys
 import time
 import zlib
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -60,8 +61,7 @@ def families():
     """Return skin and draw by the name of a family."""
     from skinbus.model import Arm
     from skinbus.model.patch import grid
-    from skinbus.study import skin_models as skins
-    from skinbus.study.accuracy import DRAWS, _several
+    from tests import skins
 
     def apart(low, high, least, force, arm, rng):
         """Touches anywhere on the tactels of an arm, ``least`` m from each other."""
@@ -88,28 +88,24 @@ def families():
         return np.column_stack([places, np.full(arm.n_patches, 5.0)])
 
     def finger(rng):
-        return skins._shipped_skin(skins.cone_forearm, rng.uniform(4e-3, 8e-3), rng)
+        return skins.shipped_skin(skins.cone_forearm(), rng.uniform(4e-3, 8e-3), rng)
 
     def whole(rings, n):
         arm = skins.cone_forearm(rings)
-        return partial(
-            skins._shipped_skin, lambda: Arm(f"{n} boards", arm.links, arm.patches[:n]), skins.FINGER
-        )
+        return partial(skins.shipped_skin, Arm(f"{n} boards", arm.links, arm.patches[:n]), skins.FINGER)
 
-    def dense(law, rng):
-        return skins._cone_skin(lambda: Arm.single_patch(grid(8, 8, 0.0065)), rng)
+    dense = partial(skins.cone_skin, Arm.single_patch(grid(8, 8, 0.0065)))
 
     def dense_radial(rng):
-        skin = dense(None, rng)
+        skin = dense(rng)
         arm, law = skin.arm.with_law(skins.shipped_law()), skins.shipped_law()
 
         def feel(touches):
             d = arm.links[0].surface.distance(arm.tactel_s, arm.tactel_a, touches[:, :1], touches[:, 1:2])
             return sum(law.pressure(d[i], touches[i, 2]) for i in range(len(touches)))
 
-        return skins.SkinModel(arm, feel, skin.read, skin.noise)
+        return skins.SkinModel(arm, feel, skin.read)
 
-    two = partial(_several, 2, 0.015, 0.025)
     five, dozen = partial(apart, 5, 5, 0.03, (5.0, 20.0)), partial(apart, 4, 6, 0.013, (2.0, 8.0))
     usual = [
         *(("pad", draw) for draw in ("one 2-20 N", "two", "three")),
@@ -118,10 +114,10 @@ def families():
         *(("tip", "one 5-20 N"), ("finger, thumb", "one 2-20 N"), ("finger, tip", "one 2-20 N")),
         *((skin, "one 2-20 N") for skin in ("box", "box thumb", "box tip")),
         *(("box forearm", draw) for draw in ("seam", "two on seam")),
+        *((skin, "two 15-25 mm") for skin in ("pad", "finger", "box")),
     ]
-    return {f"{skin}: {draw}": (skins.SKINS[skin], DRAWS[draw]) for skin, draw in usual} | {
-        **{f"{skin}: two 15-25 mm": (skins.SKINS[skin], two) for skin in ("pad", "finger", "box")},
-        "64 tactels, cone: 4-6 at 13 mm": (partial(dense, None), dozen),
+    return {f"{skin}: {draw}": (skins.SKINS[skin], skins.DRAWS[draw]) for skin, draw in usual} | {
+        "64 tactels, cone: 4-6 at 13 mm": (dense, dozen),
         "64 tactels, radial: 4-6 at 13 mm": (dense_radial, dozen),
         "box forearm: finger over tactels": (finger, over_tactels),
         "box forearm: finger anywhere": (finger, partial(apart, 1, 1, 0.0, (1.0, 10.0))),
@@ -133,14 +129,12 @@ def families():
 
 def cases(name, skin_of, draw, n):
     """Yield arm, touches and readings of a family, board by board."""
+    from tests.skins import reached
+
     for chunk in range(-(-n // PER_SKIN)):
         rng = np.random.default_rng([777, chunk, zlib.crc32(name.encode())])
-        skin, drawn = skin_of(rng), []
-        while len(drawn) < min(PER_SKIN, n - chunk * PER_SKIN):
-            touches = draw(skin.arm, rng)
-            # three tactels reach the threshold by each touch alone
-            if min((skin.feel(touch[None]) >= skin.arm.tactel_threshold).sum() for touch in touches) >= 3:
-                drawn.append(touches)
+        skin = skin_of(rng)
+        drawn = list(islice(reached(skin, draw, rng), min(PER_SKIN, n - chunk * PER_SKIN)))
         yield skin.arm, drawn, [skin.read(skin.feel(touches), rng) for touches in drawn]
 
 

@@ -11,8 +11,8 @@ from skinbus.model import Arm, Cone, Transducer, grid
 from skinbus.sim.indenter import Indenter, Shape
 from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry, Loads
-from skinbus.study.skin_models import cone_forearm, shipped_law
 from tests.hard.ground import LAWS, NOISE, THRESHOLD, Ground, law_of, pressures_under, touch
+from tests.skins import cone_forearm, shipped_law
 
 levels = pytest.mark.parametrize("level", ["fit", "full"])
 laws = pytest.mark.parametrize("law", LAWS)

@@ -9,7 +9,7 @@ from skinbus.master.cycle import Cycle
 from skinbus.objects.readings import ReadingsPlan
 from skinbus.sim.effects.readings import Viscoelastic
 from skinbus.sim.laws import Elastic
-from skinbus.study.skin_models import feel_of
+from tests.skins import feel_of
 
 SEED = 20261123
 PERIOD_NS = 10_000_000

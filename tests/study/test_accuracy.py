@@ -3,31 +3,41 @@
 Seeds here are below 100, as all seeds of tests and of tuning; the table of the docs has one of its own.
 """
 
+import zlib
+from itertools import islice
+
 import numpy as np
 import pytest
 
 from skinbus.estimate import LEVELS, Estimator
 from skinbus.sim.laws import Elastic
-from skinbus.study.accuracy import run_chunk
-from skinbus.study.skin_models import SKINS, feel_of
+from tests.bench.estimator import COLUMNS, errors, figures
+from tests.skins import DRAWS, SKINS, feel_of, reached
 
 SEED_HERE = 17
-WIDE_CHUNK = 4
+PERIOD_NS = 20_000_000
 
 
-def measured(skin, draw, n, level="full"):
-    tally = run_chunk(skin, draw, level, 0, n, SEED_HERE)
-    figures = tally.figures()
-    print("seed", SEED_HERE, skin, draw, n, figures)
-    return figures
+def measured(skin_name, draw, n, seed=SEED_HERE, chunk=0):
+    """Return the figures of n cases of a family, and the errors of each touch in those of the right count."""
+    rng = np.random.default_rng([seed, chunk, zlib.crc32(f"{skin_name} {draw}".encode())])
+    skin, cases = SKINS[skin_name](rng), []
+    estimator, surface = Estimator(skin.arm, "full"), skin.arm.links[0].surface
+    for k, touches in enumerate(islice(reached(skin, DRAWS[draw], rng), n), 1):
+        c = estimator.update(skin.read(skin.feel(touches), rng), k * PERIOD_NS)
+        rows = errors(surface, touches, c.s, c.a, c.force, c.covariance, c.quality)
+        cases.append((rows, len(c) == len(touches), 0, 0.0))
+    found = dict(zip(COLUMNS, figures(cases), strict=True))
+    print("seed", seed, skin_name, draw, n, found)
+    return found, np.array([row for rows, *_ in cases for row in rows])
 
 
-@pytest.mark.parametrize(("draw", "n", "count"), [("one anywhere", 250, 0.99), ("two anywhere", 150, 0.97)])
+@pytest.mark.parametrize(("draw", "n", "count"), [("one anywhere", 250, 99.0), ("two anywhere", 150, 97.0)])
 def test_a_layout_of_triangles_is_as_good_as_a_grid(draw, n, count):
-    figures = measured("hexagon", draw, n)
-    assert figures["count right"] >= count
+    found, _ = measured("hexagon", draw, n)
+    assert found["right %"] >= count
     # a mean of 250 chi-squares with 3 degrees of freedom, over 3: 5 %
-    assert 0.85 <= figures["covariance"] <= 1.15
+    assert 0.85 <= found["NEES"] <= 1.15
 
 
 @pytest.mark.parametrize(
@@ -40,25 +50,23 @@ def test_a_layout_of_triangles_is_as_good_as_a_grid(draw, n, count):
     ],
 )
 def test_covariance_of_contacts_close_together_is_honest(skin, draw, least):
-    figures = measured(skin, draw, 400)
+    found, _ = measured(skin, draw, 400)
     # a mean of 800 chi-squares with 3 degrees of freedom, over 3: 3 %, and one case in a thousand is far off
-    assert least <= figures["covariance"] <= 1.25
-    assert figures["count right"] >= 0.93
+    assert least <= found["NEES"] <= 1.25
+    assert found["right %"] >= 93.0
 
 
 def test_no_error_of_the_law_makes_a_contact_wide_and_strong():
     # seed 3 has a touch of 19 N beside the tactels that was 62 N, +- 1.6, for an error of the law of 2 %
-    tally = run_chunk("tip", "one 5-20 N", "full", WIDE_CHUNK, 100, 3)
-    figures = tally.figures()
-    print("seed 3", figures)
-    assert max(map(abs, tally.force)) < 1.0
-    assert max(tally.nees) < 30.0
+    _, rows = measured("tip", "one 5-20 N", 100, seed=3, chunk=4)
+    assert np.abs(rows[:, 1]).max() < 1.0
+    assert rows[:, 2].max() < 30.0
 
 
 def test_light_presses_at_a_rim_are_not_said_to_be_strong_ones_beyond_it():
     # RMS error of the force was 8.8 % here: noise had made some likelier far beyond the rim and strong
-    tally = run_chunk("finger", "one 2 N", "full", 10, 60, 3)
-    assert tally.figures()["RMS force %"] <= 6.0
+    found, _ = measured("finger", "one 2 N", 60, seed=3, chunk=10)
+    assert found["force %"] <= 6.0
 
 
 @pytest.mark.parametrize("level", ["kmeans", "fit", "full"])
@@ -89,9 +97,3 @@ def test_noise_alone_makes_no_contact():
     for level in LEVELS:
         estimator = Estimator(skin.arm, level)
         assert not any(len(estimator.update(skin.read(nothing, rng), k)) for k in range(1000))
-
-
-def test_pieces_with_one_seed_are_the_same_wherever_they_run():
-    cases = "tip", "one 2 N", "full"
-    assert run_chunk(*cases, 3, 10, 5) == run_chunk(*cases, 3, 10, 5)
-    assert run_chunk(*cases, 3, 10, 5) != run_chunk(*cases, 4, 10, 5)

@@ -6,7 +6,7 @@ import pytest
 from skinbus.model import Radial
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
-from skinbus.study.generic_law import generic_law
+from tools.shipped_law import generic_law
 
 BOARDS = ["skin-patch", "skin-patch-8bit", "skin-patch-8x8", "skin-patch-fd", "skin-patch-fd32"]
 

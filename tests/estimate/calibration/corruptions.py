@@ -12,7 +12,7 @@ from skinbus.estimate.calibration import PressTable
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, Transducer
 from skinbus.model.patch import grid
 from skinbus.sim.laws import Elastic
-from skinbus.study.skin_models import feel_of, layout, shipped_law
+from tests.skins import feel_of, hexagon, shipped_law
 
 
 @dataclass
@@ -36,7 +36,7 @@ class PressedBoards:
             grid(6, 6, 0.008),
             grid(4, 2, 0.0099),
             grid(5, 3, 0.012),
-            layout("hexagon")[:, 1:],
+            hexagon(),
         ][rng.choice([0, 2, 3]) if small else rng.integers(5)]
         size = np.ptp(uv, axis=0) + 0.010
         bits, converter = [(16, 12), (16, 16), (8, 8), (16, 10)][rng.integers(4)]

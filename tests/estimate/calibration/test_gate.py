@@ -14,7 +14,6 @@ from skinbus.estimate.calibration.table import PressTable
 from skinbus.estimate.calibration.validation import HeldOutErrors, cross_validate
 from skinbus.model import Arm
 from skinbus.model.patch import grid
-from skinbus.study.skin_models import shipped_law
 from tests.estimate.calibration.corruptions import (
     CORRUPTIONS,
     PressedBoards,
@@ -24,6 +23,7 @@ from tests.estimate.calibration.corruptions import (
 )
 from tests.estimate.calibration.trial import LIMIT_M, outcome
 from tests.estimate.surrogate import Surrogate
+from tests.skins import shipped_law
 
 SEED = 20261123
 

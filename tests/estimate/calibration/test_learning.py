@@ -6,7 +6,7 @@ import pytest
 from skinbus.estimate.calibration import learn_radial_law
 from skinbus.estimate.calibration.learning import TRIM
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Surface, Transducer, grid
-from skinbus.study.skin_models import shipped_law
+from tests.skins import shipped_law
 
 SEED = 20261121
 N_PRESSES = 200
