@@ -65,17 +65,6 @@ def test_the_robot_is_stopped_by_too_much_force_and_when_the_skin_ends(opened, c
     assert opened[0] == ("forearm", {"channel": "can0"})
 
 
-@pytest.mark.slow
-def test_the_robot_is_stopped_by_a_patch_that_never_answers(opened, capsys):
-    with (scene := Path("slide.toml")).open("a") as file:
-        file.write("[effect.patch_silent]\nnodes = [1]\nfrom_s = 0.0\n")
-    with skinbus.simulate(scene) as skin:
-        n_cycles = sum(1 for cycle in skin if cycle.patches[0].state.name == "ABSENT")
-    run("stop_on_force.py")
-    said = capsys.readouterr().out
-    assert len(re.findall(r"^stop: patch \d+ ABSENT, inf ms old$", said, re.MULTILINE)) >= n_cycles > 40
-
-
 @pytest.mark.parametrize("state", set(PatchState) - {PatchState.OPERATIONAL})
 def test_the_robot_is_stopped_by_any_state_but_operational(played, capsys, state):
     played(0.0, state)

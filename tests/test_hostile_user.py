@@ -8,6 +8,7 @@ import multiprocessing
 import os
 import pwd
 import signal
+import socket
 import struct
 import subprocess
 import sys
@@ -31,9 +32,11 @@ def attacks(path, state, pid):
     """Return what another user may try on shared memory, a state file and a process, by name."""
     return {
         "write": lambda: os.open(path, os.O_RDWR),
+        "empty": lambda: os.open(path, os.O_WRONLY | os.O_TRUNC),
         "truncate": lambda: os.truncate(path, 0),
         "remove": lambda: os.unlink(path),
         "rename": lambda: os.rename(path, f"{path}-away"),
+        "link": lambda: os.link(path, f"{path}-mine"),
         "replace": lambda: os.symlink("/dev/zero", path),
         "chmod": lambda: os.chmod(path, 0o666),
         "lock": lambda: fcntl.fcntl(os.open(path, os.O_RDONLY), fcntl.F_OFD_SETLK, WRITE_LOCK),
@@ -48,6 +51,9 @@ def attacks(path, state, pid):
 
 TAKEN = {
     "file": lambda path: path.write_bytes(bytes(1 << 16)),
+    "file that anybody can write": lambda path: (path.write_bytes(bytes(4096)), path.chmod(0o666)),
+    "huge file": lambda path: os.truncate(os.open(path, os.O_CREAT | os.O_RDWR), 1 << 40),
+    "socket": lambda path: socket.socket(socket.AF_UNIX).bind(str(path)),
     "fifo": lambda path: os.mkfifo(path, 0o666),
     "link": lambda path: path.symlink_to("/etc/passwd"),
     "folder": lambda path: path.mkdir(),

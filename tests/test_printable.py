@@ -47,8 +47,3 @@ def test_a_value_is_shown_in_a_few_words(kind):
     shown = shown_value(LARGE[kind])
     assert shown.isprintable()
     assert len(shown) <= 3 * MAX_TEXT
-
-
-def test_small_values_are_shown_as_python_writes_them():
-    for value in (1, 2.5, "text", ["a", 1], {"a": 1}, True):
-        assert shown_value(value) == repr(value)

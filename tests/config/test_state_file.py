@@ -6,7 +6,6 @@ from contextlib import suppress
 import pytest
 
 from skinbus.config.state_file import VERSION, StateFile
-from tests.config.kills import kill_often
 
 OLD = {"patches": {"/1": {"zero_Pa": [1.0, -2.5]}}, "contacts": [], "last_id": 3}
 NEW = OLD | {"last_id": 4}
@@ -103,7 +102,3 @@ def test_no_link_is_followed(two):
     with pytest.raises(OSError, match=r"symbolic|levels"):
         two.save(OLD)
     assert target.read_text() == "theirs"
-
-
-def test_killed_at_any_moment_of_a_save_a_whole_state_is_left(tmp_path):
-    assert kill_often(3, 20260103, tmp_path) > 0

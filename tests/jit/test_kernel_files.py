@@ -67,16 +67,6 @@ def test_damaged_entry_is_removed_and_compiled_anew_and_one_line_says_so(warm):
     assert use_a_kernel(warm) == (["123", "loaded"], "")
 
 
-@pytest.mark.slow
-def test_sound_file_that_holds_no_kernel_is_compiled_anew(warm):
-    (entry,) = entries(warm)
-    KernelFolder(entry.parent).save(entry.name.removesuffix(".kernel"), b"no pickle at all")
-    output, errors = use_a_kernel(warm)
-    assert output == ["123", "compiled"]
-    assert "is damaged" in errors
-    assert use_a_kernel(warm) == (["123", "loaded"], "")
-
-
 def test_folder_that_others_can_write_is_not_used(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     kernel_folder.cache_clear()
@@ -85,14 +75,6 @@ def test_folder_that_others_can_write_is_not_used(tmp_path, monkeypatch):
     assert kernel_folder().path is None
     assert "can be written by other users" in kernel_folder().fault
     kernel_folder.cache_clear()
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root can make a folder of another user")
-def test_folder_of_another_user_is_not_used(warm):
-    (entry,) = entries(warm)
-    os.chown(entry.parent, NOBODY, NOBODY)
-    assert use_a_kernel(warm) == (["123", "compiled"], "")
 
 
 @pytest.mark.slow

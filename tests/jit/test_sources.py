@@ -25,10 +25,6 @@ def stamp(folder, **changes):
     return sources_stamp(str(package / "kernel.py"), package)
 
 
-def test_same_sources_at_another_place_have_the_same_stamp(tmp_path):
-    assert stamp(tmp_path / "a") == stamp(tmp_path / "b")
-
-
 def test_module_that_is_not_imported_does_not_matter(tmp_path):
     assert stamp(tmp_path / "a") == stamp(tmp_path / "b", unused="D = 2\n")
 

@@ -4,8 +4,6 @@ import re
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from skinbus.errors import EdsError
 from skinbus.objects.eds import eds_names, find_eds, load_eds, read_eds
@@ -89,28 +87,6 @@ def test_all_faults_of_a_file_are_said_at_once():
 @pytest.mark.parametrize("text", ["", "[", "[]", "=", "x=1", "[1000]", "[1800]\nObjectType=9", "[1A00sub0]"])
 def test_scraps_of_a_file_give_faults_not_exceptions(text):
     assert lint(read_text(text, name="x.eds"))
-
-
-LINES = find_eds("skin-patch-8bit").read_text().splitlines()
-
-
-@pytest.mark.slow
-@settings(max_examples=100)
-@given(
-    st.lists(
-        st.tuples(
-            st.integers(0, len(LINES) - 1),
-            st.one_of(st.just(""), st.sampled_from(LINES), st.text(max_size=20)),
-        ),
-        max_size=20,
-    )
-)
-def test_no_text_makes_the_reader_or_the_lint_raise(changes):
-    lines = list(LINES)
-    for where, line in changes:
-        lines[where] = line
-    for fault in lint(read_text("\n".join(lines), name="x.eds")):
-        assert str(fault)
 
 
 def test_odd_but_legal_file_of_another_maker_is_read_without_a_fault():

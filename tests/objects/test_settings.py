@@ -79,12 +79,6 @@ def test_what_cannot_be_set_is_said(name, value, said):
     assert said in str(caught.value)
 
 
-def test_all_faults_of_settings_are_said_at_once():
-    with pytest.raises(EdsError) as caught:
-        load(**{name: value for name, value, _ in BAD[:6]})
-    assert len(caught.value.faults) == 6
-
-
 ARM = """
 [arm]
 name = "test"

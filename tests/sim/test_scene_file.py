@@ -6,6 +6,7 @@ import pytest
 
 from skinbus.errors import ConfigError
 from skinbus.sim import load_scene, scene_names
+from skinbus.sim.scene_file import scene_of
 
 
 @pytest.mark.parametrize("name", scene_names())
@@ -149,3 +150,17 @@ def test_every_fault_of_a_bad_scene_is_reported_at_once(tmp_path):
     assert len(wanted) == len(caught.value.faults)
     for fault in wanted:
         assert fault in message
+
+
+@pytest.mark.parametrize(
+    ("force", "said"),
+    [
+        ("x", "touch 1.force_n: is 'x'; wanted a number, or an array"),
+        ([[0.0, "x"]], "touch 1.force_n[1][2]: is 'x'; wanted a number"),
+    ],
+)
+def test_a_force_that_may_be_a_number_or_keys_is_one_fault_in_our_words(force, said):
+    touch = {"link": "plate", "s_mm": 10.0, "a_mm": 0.0, "force_n": force}
+    with pytest.raises(ConfigError) as caught:
+        scene_of({"scene": {"arm": "pad", "duration_s": 1.0}, "touch": [touch]})
+    assert said in [str(fault) for fault in caught.value.faults]

@@ -80,26 +80,6 @@ def test_a_contact_is_in_every_frame_where_the_moving_arm_has_it(scene):
         assert (np.diagonal(cycle.robot.torque_covariance) > 0.0).all()
 
 
-def test_positions_that_are_old_make_the_base_invalid_not_wrong(scene):
-    with skinbus.simulate(scene) as skin:
-        cycles = run(skin, lambda t: [0.1, 0.2], 0.8)
-        assert cycles[-1].robot_valid
-        set_ns = cycles[-1].ended_ns
-        for cycle in skin:
-            if cycle.t_ns > set_ns + 100_000_000:
-                break
-            assert cycle.robot_valid == (cycle.t_ns <= set_ns + 50_000_000)
-    (contact,) = cycle.contacts
-    for values in (contact.point("base"), contact.normal("tool"), contact.force_vector(), contact.jacobian):
-        assert np.isnan(values).all()
-    assert contact.point_covariance("base") is None
-    assert np.isfinite(contact.point("link")).all()
-    assert np.isnan(cycle.joint_torques).all()
-    assert np.isnan(cycle.robot.base_wrench).all()
-    assert np.isnan(cycle.robot.torque_covariance).all()
-    np.testing.assert_allclose(contact.force_vector("link"), [0, 0, -contact.force], atol=1e-9)
-
-
 @pytest.mark.slow
 def test_a_contact_that_is_not_seen_has_no_place_in_the_base(tmp_path):
     folder = write(tmp_path, FROM_PYTHON)

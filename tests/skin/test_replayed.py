@@ -4,7 +4,7 @@ import pytest
 
 import skinbus
 from skinbus.can.candump import CandumpWriter
-from skinbus.errors import AddressError, ArgumentError, ConfigError
+from skinbus.errors import AddressError, ArgumentError
 from tests.master.rig import Rig
 from tests.skin.scenes import write
 
@@ -30,14 +30,6 @@ def test_the_contacts_of_a_recording_are_made_again(recorded):
     again = [len(cycle.contacts) for cycle in cycles]
     assert again[: len(published)] == published[: len(again)]
     assert max(again) == 1
-
-
-def test_a_log_of_another_arm_is_refused(recorded, tmp_path):
-    text = recorded[1].read_text().replace(" 181#", " 1A1#").replace(" 281#", " 2A1#")
-    path = tmp_path / "other.log"
-    path.write_text(text.replace(" 381#", " 3A1#").replace(" 481#", " 4A1#"))
-    with pytest.raises(ConfigError, match="readings of pad"), skinbus.replay(path, "pad") as skin:
-        list(skin)
 
 
 def test_an_interface_that_is_not_in_the_log_is_refused(recorded, tmp_path):

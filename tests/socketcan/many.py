@@ -28,24 +28,3 @@ def many_patches(folder, rate_hz=10.0):
     scene += "".join(TOUCH.format(link="tube", s=s) for s in (30, 130, 230, 330))
     (folder / "scene.toml").write_text(scene)
     return str(folder / "many.toml"), str(folder / "scene.toml")
-
-
-BUS = '[[bus]]\nname = "{name}"\n'
-TUBE = '[[link]]\nname = "{name}"\nsurface = "cylinder"\nlength_mm = 470.0\nradius_mm = {radius:.3f}\n'
-
-
-def four_buses(folder, rate_hz=5.0):
-    """126 patches on each of four buses, a tube for each; a scene with a press on each; their names."""
-    names = ["a", "b", "c", "d"]
-    radius = 14 * 51.5 / (2 * math.pi)
-    text = f'[arm]\nname = "four buses"\nrate_hz = {rate_hz}\n'
-    text += "".join(BUS.format(name=name) for name in names)
-    text += "".join(TUBE.format(name=name, radius=radius) for name in names)
-    for name in names:
-        rings = [RING.format(s=26 + 52 * ring, count=14, first=1 + 14 * ring) for ring in range(9)]
-        text += "".join(rings).replace('"tube"', f'"{name}"\nbus = "{name}"')
-    (folder / "four.toml").write_text(text)
-    scene = SCENE.format(arm=folder / "four.toml")
-    scene += "".join(TOUCH.format(link=name, s=130) for name in names)
-    (folder / "four-scene.toml").write_text(scene)
-    return str(folder / "four.toml"), str(folder / "four-scene.toml"), names

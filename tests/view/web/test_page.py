@@ -172,10 +172,3 @@ def test_page_says_that_the_bus_is_gone_and_goes_on_when_it_is_back(scripted, sc
     tab.page.get_by_text("live").wait_for(state="attached")
     assert len(scripted.page.drawing.labels) == 2
     assert tab.errors == []
-
-
-@pytest.mark.slow
-def test_page_opened_without_the_token_only_shows(scripted, open_tab):
-    tab = open_tab(f"http://127.0.0.1:{scripted.page.server.get_port()}/")
-    tab.page.get_by_text("live").wait_for(state="attached")
-    assert tab.page.get_by_role("button", name="Zero").count() == 0

@@ -63,16 +63,3 @@ def test_state_of_the_source_is_said(changes, flags, is_stale, said):
     cycle = made_cycle(5, flags=CycleFlags(flags))
     assert panels.state_of(source(**changes), cycle, is_stale=is_stale) == said
     assert panels.state_of(source(), None, is_stale=False)[1] == "waiting"
-
-
-def test_cycle_says_its_level_its_time_and_how_late_it_is():
-    shown = panels.cycle_table(made_cycle(1), 20.0)
-    for words in ("fit", "5.0 ms of 20.0 ms", "not known from here"):  # its budget
-        assert words in shown
-    assert "12.3 ms" in panels.cycle_table(made_cycle(1, budget_us=12_340.0), 20.0)
-    assert "no limit" in panels.cycle_table(made_cycle(1, budget_us=np.inf), 20.0)
-
-
-def test_legend_has_its_numbers():
-    shown = panels.legend(30.0)
-    assert all(f"<span>{tick}</span>" in shown for tick in ("0", "15", "30"))
