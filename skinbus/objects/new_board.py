@@ -16,15 +16,20 @@ import re
 from dataclasses import dataclass
 from typing import Final
 
-from skinbus.can.fd import CLASSIC_BYTES
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.can.fd import CLASSIC_BYTES, MAX_BYTES
 from skinbus.errors import EdsError, Fault
-from skinbus.model.patch import MAX_TACTELS, grid
+from skinbus.model.patch import MAX_TACTELS
 from skinbus.objects import cia
 from skinbus.objects.dcf import dcf_text
 from skinbus.objects.eds import build_od, find_eds
 from skinbus.objects.eds_file import read_text
 from skinbus.objects.eds_text import EdsText
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
+
+Floats = npt.NDArray[np.float64]
 
 BASES: Final = (*cia.TPDO_BASES, *cia.RPDO_BASES)
 """Identifiers of the TPDOs, less the node-ID."""
@@ -33,17 +38,20 @@ LEAST_PA: Final = 1_000
 MOST_PA: Final = 100_000_000
 """Full scales from a light touch to a thousand times what a palm presses; as an UNSIGNED32 in the EDS."""
 
-ROOM_MM: Final = 1.0
+ROOM_UM: Final = 1e3
 """Of a tactel to its neighbour: a sensing cell fills the pitch but for so much."""
 
-READINGS: Final = {16: cia.READ_ANALOGUE_16, 8: cia.READ_ANALOGUE_8}
-"""Object of the readings by their bits."""
+MOST_M: Final = 1.0
+"""From the centre of a board to its tactels."""
 
 PRODUCT: Final = 0x6000
 """Product code of a board of others, until its maker gives it one."""
 
 N_SHIPPED: Final = 0x10
 """Tactels of the shipped boards; only arrays by tactel have so many elements."""
+
+SAMPLING: Final = (0x2070_01_08, 0x2070_02_08)
+"""Mapped behind the readings of each TPDO on CAN FD: SYNC counter and status of the sample."""
 
 PLACE: Final = 0x5F00
 """Where tactels are described in the DCF of a module: the end of the manufacturer's area, which few use."""
@@ -52,24 +60,30 @@ HEARTBEAT_MS: Final = 500
 """Of a module, as of the boards that are shipped."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NewBoard:
-    """What is asked of a board."""
+    """A board to make an EDS of."""
 
     name: str
     """Of the file."""
-    rows: int
-    columns: int
-    pitch_mm: float
+    tactels_uv: Floats
+    """(n_tactels, 2) m, from the patch centre."""
+    pitch: float
+    """From one tactel to the next, m."""
     bits: int
     """Of its converter, 8 to 16."""
     full_scale_pa: float = 250_000.0
+    canfd: bool = False
+    """Whether it sends frames of up to 64 bytes, on CAN FD."""
 
     def __post_init__(self) -> None:
-        if not 1 <= self.rows * self.columns <= MAX_TACTELS:
-            raise ValueError(f"{self.rows} x {self.columns} tactels; wanted 1 to {MAX_TACTELS}")
-        if not 1.0 <= self.pitch_mm <= 50.0:
-            raise ValueError(f"a pitch of {self.pitch_mm:g} mm; wanted 1 to 50")
+        uv, n = self.tactels_uv, self.n_tactels
+        if not 1 <= n <= MAX_TACTELS:
+            raise ValueError(f"{n} tactels; wanted 1 to {MAX_TACTELS}")
+        if not 1e-3 <= self.pitch <= 50e-3:
+            raise ValueError(f"a pitch of {1e3 * self.pitch:g} mm; wanted 1 to 50")
+        if not np.abs(uv).max() <= MOST_M:
+            raise ValueError(f"a tactel {np.abs(uv).max():g} m from the centre; wanted at most {MOST_M:g}")
         if not 8 <= self.bits <= 16:
             raise ValueError(f"a converter of {self.bits} bits; wanted 8 to 16")
         if not LEAST_PA <= self.full_scale_pa <= MOST_PA:
@@ -78,17 +92,22 @@ class NewBoard:
     @property
     def n_tactels(self) -> int:
         """Number of tactels."""
-        return self.rows * self.columns
+        return len(self.tactels_uv)
 
     @property
     def reading_bits(self) -> int:
         """Bits of a reading: 16, or 8 where the converter has no more or the TPDOs have no room."""
-        return 16 if self.bits > 8 and self.n_tactels * 2 <= len(BASES) * CLASSIC_BYTES else 8
+        is_wide = self.bits > 8 and self.n_tactels * 2 <= len(BASES) * CLASSIC_BYTES
+        return 16 if self.canfd or is_wide else 8
 
     @property
-    def n_tpdos(self) -> int:
-        """Number of TPDOs."""
-        return -(-self.n_tactels // (8 * CLASSIC_BYTES // self.reading_bits))
+    def mapped(self) -> list[list[int]]:
+        """Entries that each TPDO maps."""
+        index = cia.READ_ANALOGUE_16 if self.reading_bits == 16 else cia.READ_ANALOGUE_8
+        readings = [index << 16 | k << 8 | self.reading_bits for k in range(1, self.n_tactels + 1)]
+        tail = SAMPLING if self.canfd else ()
+        most = 8 * (MAX_BYTES if self.canfd else CLASSIC_BYTES) // self.reading_bits - len(tail) // 2
+        return [[*readings[k : k + most], *tail] for k in range(0, len(readings), most)]
 
     def text(self) -> str:
         """Return the EDS."""
@@ -96,75 +115,65 @@ class NewBoard:
 
     def eds(self) -> EdsText:
         """Return the EDS by sections."""
-        source = find_eds("skin-patch" if self.reading_bits == 16 else "skin-patch-8bit")
-        eds = EdsText(source.read_text("utf-8"))
-        for name in [n.removesuffix(f"sub{N_SHIPPED:x}") for n in eds.sections]:
-            if (
-                f"{name}sub{N_SHIPPED:x}" in eds.sections
-                and f"{name}sub{N_SHIPPED + 1:x}" not in eds.sections
-            ):
-                _resize(eds, name, self.n_tactels)
-        self._tpdos(eds)
-        for axis, column in zip(
-            ("2001", "2002"), grid(self.columns, self.rows, self.pitch_mm).T, strict=True
-        ):
-            for k, mm in enumerate(column, 1):
-                eds.put(f"{axis}sub{k:X}", "DefaultValue", round(1000 * mm))
-        bits, title = self.reading_bits, f"skin patch {self.columns} x {self.rows}, {self.reading_bits} bit"
-        width, height = (round(1000 * (self.pitch_mm * k + ROOM_MM)) for k in (self.columns, self.rows))
+        source = (
+            "skin-patch-fd" if self.canfd else {16: "skin-patch", 8: "skin-patch-8bit"}[self.reading_bits]
+        )
+        eds = EdsText(find_eds(source).read_text("utf-8"))
+        n, mapped, uv_um, pitch_um = self.n_tactels, self.mapped, 1e6 * self.tactels_uv, 1e6 * self.pitch
+        last, beyond = f"sub{N_SHIPPED:x}", f"sub{N_SHIPPED + 1:x}"
+        for name in [s.removesuffix(last) for s in eds.sections if s.endswith(last)]:
+            if f"{name}{beyond}" not in eds.sections:
+                _resize(eds, name, n)
+        _resize(eds, "1a00", most := max(CLASSIC_BYTES, *map(len, mapped)))
+        eds.put("1a00sub0", "HighLimit", most)
+        first = {name: lines for name, lines in eds.sections.items() if re.match("1[8a]00", name)}
+        for name in [s for s in eds.sections if re.match("1[8a]0", s)]:
+            del eds.sections[name]
+        for number, entries in enumerate(mapped):
+            for name, lines in first.items():
+                made = "\n".join(lines).replace("TPDO 1 ", f"TPDO {number + 1} ")
+                made = re.sub(r"\[(1[8A])00", rf"[\g<1>{number:02X}", made)
+                eds.sections[f"{name[:2]}{number:02x}{name[4:]}"] = made.split("\n")
+            eds.put(f"18{number:02X}sub1", "DefaultValue", f"$NODEID+0x{0x40000000 + BASES[number]:08X}")
+            eds.put(f"1A{number:02X}sub0", "DefaultValue", len(entries))
+            for sub, entry in enumerate(entries, 1):
+                eds.put(f"1A{number:02X}sub{sub:X}", "DefaultValue", f"0x{entry:08X}")
+        title = f"skin patch of {n} tactels, " + ("CAN FD" if self.canfd else f"{self.reading_bits} bit")
+        width, height = 2.0 * np.abs(uv_um).max(0) + pitch_um + ROOM_UM
         del eds.sections["comments"]
-        values = {
-            "2000sub1": self.n_tactels,
-            "2000sub2": width,
-            "2000sub3": height,
-            "2000sub4": round(1000 * max(self.pitch_mm - ROOM_MM, 0.5 * self.pitch_mm)),
+        values: dict[str, object] = {
+            "2000sub1": n,
+            "2000sub2": round(width),
+            "2000sub3": round(height),
+            "2000sub4": round(max(pitch_um - ROOM_UM, 0.5 * pitch_um)),
+            **{f"200{1 + axis}sub{k + 1:X}": round(um) for (k, axis), um in np.ndenumerate(uv_um)},
             "2010sub1": round(self.full_scale_pa),
             "2010sub2": self.bits,
-            "2040": f"0x{(1 << self.n_tactels) - 1:016X}",
+            "2040": f"0x{(1 << n) - 1:016X}",
             "1008": title,
             "1018sub2": f"0x{PRODUCT:08X}",
             "FileInfo FileName": self.name,
             "FileInfo Description": title,
             "DeviceInfo ProductName": title,
             "DeviceInfo ProductNumber": f"0x{PRODUCT:08X}",
-            "DeviceInfo OrderCode": f"SP-{self.columns}{self.rows}-{bits}",
-            "DeviceInfo NrOfTXPDO": self.n_tpdos,
+            "DeviceInfo OrderCode": f"SP-{n}-{'FD' if self.canfd else self.reading_bits}",
+            "DeviceInfo NrOfTXPDO": len(mapped),
         }
         for place, value in values.items():
             section, _, key = place.partition(" ")
             eds.put(section, key or "DefaultValue", value)
-        objects = [n.upper() for n in eds.sections if re.fullmatch("[16][0-9a-f]{3}", n)]
-        eds.list_objects("OptionalObjects", [n for n in objects if n not in ("1000", "1001", "1018")])
+        objects = [s.upper() for s in eds.sections if re.fullmatch("[16][0-9a-f]{3}", s)]
+        eds.list_objects("OptionalObjects", [s for s in objects if s not in ("1000", "1001", "1018")])
         return eds
-
-    def _tpdos(self, eds: EdsText) -> None:
-        """Write the TPDOs, each as the first, and what each maps."""
-        for name in [n for n in eds.sections if re.match("1[8a]0[1-9]", n)]:
-            del eds.sections[name]
-        first = {name: lines for name, lines in eds.sections.items() if re.match("1[8a]00", name)}
-        per_frame = 8 * CLASSIC_BYTES // self.reading_bits
-        for number in range(self.n_tpdos):
-            for name, lines in first.items():
-                made = "\n".join(lines).replace("TPDO 1 ", f"TPDO {number + 1} ")
-                made = re.sub(r"\[(1[8A])00", rf"[\g<1>{number:02X}", made)
-                eds.sections[f"{name[:2]}{number:02x}{name[4:]}"] = made.split("\n")
-            eds.put(f"18{number:02X}sub1", "DefaultValue", f"$NODEID+0x{0x40000000 + BASES[number]:08X}")
-            mapped = range(per_frame * number, min(per_frame * (number + 1), self.n_tactels))
-            eds.put(f"1A{number:02X}sub0", "DefaultValue", len(mapped))
-            for place in range(8):
-                entry = 0
-                if place < len(mapped):
-                    entry = READINGS[self.reading_bits] << 16 | mapped[place] + 1 << 8 | self.reading_bits
-                eds.put(f"1A{number:02X}sub{place + 1:X}", "DefaultValue", f"0x{entry:08X}")
 
 
 def _resize(eds: EdsText, name: str, n: int) -> None:
-    """Give an array n elements; each is as its first but for the number in its name."""
+    """Give an array n elements; each is as its first but for the number in its name and, mapped, nothing."""
+    first = "\n".join(eds.sections[f"{name}sub1"])
+    for section in [s for s in eds.sections if re.fullmatch(f"{name}sub(?!0$).*", s)]:
+        del eds.sections[section]
     eds.put(name, "SubNumber", n + 1)
     eds.put(f"{name}sub0", "DefaultValue", n)
-    first = "\n".join(eds.sections[f"{name}sub1"])
-    for k in range(1, N_SHIPPED + 1):
-        del eds.sections[f"{name}sub{k:x}"]
     for k in range(1, n + 1):
         made = re.sub(r"(?m)^(ParameterName=.*)\b1$", rf"\g<1>{k}", first.replace("sub1]", f"sub{k:X}]"))
         eds.sections[f"{name}sub{k:x}"] = made.split("\n")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, Final, NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary
@@ -13,18 +13,18 @@ from canopen.objectdictionary import ObjectDictionary
 from skinbus.can.virtual_bus import MAX_BITRATE
 from skinbus.config.arm_file import DEFAULT_DATA_BITRATE
 from skinbus.config.system import ods_of
-from skinbus.model import Arm
+from skinbus.model import Arm, grid
 from skinbus.objects import cia
 from skinbus.objects.bus_load import MAX_LOAD
-from skinbus.objects.eds import load_eds
+from skinbus.objects.eds import build_od
+from skinbus.objects.eds_file import EdsFile, read_text
+from skinbus.objects.new_board import NewBoard
+from skinbus.objects.profile import TACTEL_COUNT, current, look_up
 from skinbus.objects.readings import DEADLINE
 from skinbus.planning.schedule import SECOND, Message, Release, cycle_times, frame_ns, load
 from skinbus.planning.traffic import Beside, Traffic, node_id_of, traffic
 
-NARROW_EDS: Final = {"skin-patch": "skin-patch-8bit"}
-"""Boards that ship with an EDS of fewer bits."""
-FD_EDS: Final = {"skin-patch": "skin-patch-fd"}
-"""Boards that ship with an EDS for CAN FD."""
+_FD_BOARDS: Final = 'eds = "skin-patch-fd", or `skinbus board new --canfd`'
 _HIGHEST_HZ: Final = 2000.0
 _SYNC_BITS: Final = 52
 """Of a SYNC with counter until it is received, when no bit is stuffed: patches sample then."""
@@ -50,8 +50,7 @@ class Plan:
 
     arm: str
     ods: tuple[ObjectDictionary, ...]
-    eds: tuple[str, ...]
-    """Object dictionaries of the patches, and the names of their files."""
+    """Of the patches."""
     bitrate: int
     data_bitrate: int | None
     """Of CAN FD; None for classic CAN."""
@@ -180,6 +179,11 @@ class Plan:
             warnings.append(
                 f"{self.bitrate} bit/s is no bit rate of CiA 301 ({usual} kbit/s): few nodes can be set to it"
             )
+        if self.data_bitrate and not any(message.data_bits for message in self.traffic.messages):
+            warnings.append(
+                "canfd = true changes nothing: no board of this bus sends more than 8 bytes in a frame; "
+                f"boards for CAN FD do ({_FD_BOARDS})"
+            )
         if unpaced:
             warnings.append(
                 f"{len(unpaced)} event-driven TPDOs have no inhibit time, so nothing bounds them "
@@ -192,26 +196,33 @@ class Plan:
     def _remedies(self) -> list[str]:
         """Return changes of one thing that make the plan hold, or bring it nearest."""
 
-        def with_eds(others: Mapping[str, str]) -> tuple[ObjectDictionary, ...]:
-            return tuple(
-                load_eds(others.get(name, name), node_id_of(od))
-                for name, od in zip(self.eds, self.ods, strict=True)
+        n_tactels = [int(str(current(look_up(od, TACTEL_COUNT)))) for od in self.ods]
+        narrow, fd = (
+            tuple(
+                build_od(_new_board(n, canfd), node_id_of(od))
+                for n, od in zip(n_tactels, self.ods, strict=True)
             )
-
+            for canfd in (False, True)
+        )
         changes: dict[str, dict[str, Any]] = {
             f"1 Mbit/s instead of {self.bitrate} bit/s": {"bitrate": MAX_BITRATE},
-            '8-bit readings (eds = "skin-patch-8bit")': {"ods": with_eds(NARROW_EDS)},
-            'CAN FD (canfd = true, eds = "skin-patch-fd")': {
-                "ods": with_eds(FD_EDS), "data_bitrate": self.data_bitrate or DEFAULT_DATA_BITRATE
-            },
+            '8-bit readings (eds = "skin-patch-8bit", or `skinbus board new --bits 8`)': {"ods": narrow},
             "half of the patches on a second bus": {"ods": self.ods[: -(-len(self.ods) // 2)]},
+            f"CAN FD ({_FD_BOARDS}, canfd = true)": {
+                "ods": fd, "data_bitrate": self.data_bitrate or DEFAULT_DATA_BITRATE
+            },
         }  # fmt: skip
         reached = {text: replace(self, **change).largest_hz for text, change in changes.items()}
+        least = next((text for text, hz in reached.items() if hz >= self.rate_hz), None)
         rate = f"at most {self.largest_hz:g} Hz instead of {self.rate_hz:g} Hz"
         return [
             *([rate] if self.largest_hz else []),
             *(f"level {fit.level} instead of {self.level}" for fit in self.levels if fit.holds),
-            *(f"{text}: up to {hz:g} Hz" for text, hz in reached.items() if hz > self.largest_hz),
+            *(
+                f"{text}: up to {hz:g} Hz" + ", the least change that is enough" * (text == least)
+                for text, hz in reached.items()
+                if hz > self.largest_hz
+            ),
         ]
 
     def as_dict(self) -> dict[str, Any]:
@@ -266,7 +277,6 @@ def plan(
     return Plan(
         arm=arm.name,
         ods=tuple(ods_of(arm)),
-        eds=tuple(placed.eds for placed in arm.patches),
         bitrate=bitrate or arm.bus.bitrate,
         data_bitrate=arm.bus.data_bitrate,
         rate_hz=rate_hz,
@@ -275,6 +285,13 @@ def plan(
         response_ns=response_ns,
         beside=beside or Beside(),
     )
+
+
+@cache
+def _new_board(n_tactels: int, canfd: bool) -> EdsFile:
+    """Return a board of so many tactels with 8-bit readings, or for CAN FD."""
+    board = NewBoard(name="", tactels_uv=grid(n_tactels, 1, 10e-3), pitch=10e-3, bits=8, canfd=canfd)
+    return read_text(board.text(), name="a new board")
 
 
 def _ms(ns: int | None) -> str:

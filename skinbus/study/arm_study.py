@@ -24,7 +24,7 @@ from scipy.spatial import KDTree
 
 from skinbus.estimate import LEVELS, Estimator, learn_radial_law
 from skinbus.model import Arm, Law, Surface, Transducer
-from skinbus.planning.plan import NARROW_EDS, plans
+from skinbus.planning.plan import plans
 from skinbus.sim.indenter import Indenter, Shape
 from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry, Loads
@@ -57,6 +57,8 @@ SHIPPED: Final = "as it ships, inclined pushes"
 CONDITIONS: Final = (CALIBRATED, SHIPPED)
 FINGERS: Final = {1: "one finger", 2: "two fingers, 15-25 mm apart"}
 BITS: Final = (8, 16)
+NARROW_EDS: Final = {"skin-patch": "skin-patch-8bit"}
+"""Boards that ship with an EDS of fewer bits."""
 N_POINTS: Final = len(CONDITIONS) * len(FINGERS) * len(BITS) * len(LEVELS)
 """Of an arm."""
 

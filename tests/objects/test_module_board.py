@@ -18,7 +18,11 @@ FULL_SCALE_PA = 500_000
 
 def board(columns=4, rows=2):
     return NewBoard(
-        name="inputs.dcf", rows=rows, columns=columns, pitch_mm=10.0, bits=16, full_scale_pa=FULL_SCALE_PA
+        name="inputs.dcf",
+        tactels_uv=grid(columns, rows, 10e-3),
+        pitch=10e-3,
+        bits=16,
+        full_scale_pa=FULL_SCALE_PA,
     )
 
 

@@ -9,25 +9,31 @@ from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds, read_eds
 from skinbus.objects.eds_lint import lint
 from skinbus.objects.new_board import NewBoard
-from skinbus.objects.pdo import tpdos
+from skinbus.objects.pdo import readings_in, tpdos
 
 BOARDS = [
-    (1, 1, 5.0, 8, 8, 1),
-    (4, 4, 10.0, 16, 16, 4),
-    (6, 6, 8.0, 12, 8, 5),
-    (4, 8, 5.0, 12, 16, 8),
-    (8, 8, 5.5, 12, 8, 8),
-    (3, 5, 7.5, 10, 16, 4),
+    (1, 1, 5.0, 8, False, 8, 1),
+    (4, 4, 10.0, 16, False, 16, 4),
+    (6, 6, 8.0, 12, False, 8, 5),
+    (4, 8, 5.0, 12, False, 16, 8),
+    (8, 8, 5.5, 12, False, 8, 8),
+    (3, 5, 7.5, 10, False, 16, 4),
+    (2, 2, 7.5, 8, True, 16, 1),
+    (6, 6, 8.0, 12, True, 16, 2),
+    (8, 8, 5.5, 16, True, 16, 3),
 ]
 
 
-@pytest.fixture(params=BOARDS, ids=lambda board: f"{board[0]}x{board[1]}-{board[3]}")
+@pytest.fixture(params=BOARDS, ids=lambda board: f"{board[0]}x{board[1]}-{board[3]}{'-fd' * board[4]}")
 def made(request, tmp_path):
-    columns, rows, pitch_mm, bits, *wanted = request.param
-    board = NewBoard(name="my.eds", rows=rows, columns=columns, pitch_mm=pitch_mm, bits=bits)
+    columns, rows, pitch_mm, bits, canfd, *wanted = request.param
+    pitch = 1e-3 * pitch_mm
+    board = NewBoard(
+        name="my.eds", tactels_uv=grid(columns, rows, pitch), pitch=pitch, bits=bits, canfd=canfd
+    )
     path = tmp_path / "my.eds"
     path.write_text(board.text())
-    assert [board.reading_bits, board.n_tpdos] == wanted
+    assert [board.reading_bits, len(board.mapped)] == wanted
     return board, path
 
 
@@ -37,7 +43,8 @@ def test_it_has_no_fault_and_describes_the_grid(made):
     od = load_eds(path, 7)
     patch = describe_patch(od)
     assert patch.n_tactels == board.n_tactels
-    assert patch.tactels_uv == pytest.approx(grid(board.columns, board.rows, 1e-3 * board.pitch_mm), abs=1e-6)
+    assert patch.tactels_uv == pytest.approx(board.tactels_uv, abs=1e-6)
+    assert (np.abs(patch.tactels_uv) + 0.5 * patch.diameter <= 0.5 * np.array(patch.size)).all()
     assert (patch.transducer.bits, patch.transducer.converter_bits) == (board.reading_bits, board.bits)
     assert patch.healthy.all()
 
@@ -46,6 +53,14 @@ def test_two_boards_never_share_an_identifier(made):
     _, path = made
     ids = [pdo.cob_id for node_id in range(1, 128) for pdo in tpdos(load_eds(path, node_id)) if pdo.valid]
     assert len(set(ids)) == len(ids)
+
+
+def test_every_reading_is_sent_once_in_frames_of_its_bus(made):
+    board, path = made
+    sent = [pdo for pdo in tpdos(load_eds(path, 7)) if pdo.valid]
+    subs = [entry.sub for pdo in sent for entry in readings_in(pdo)]
+    assert subs == list(range(1, board.n_tactels + 1))
+    assert max(pdo.length for pdo in sent) <= (64 if board.canfd else 8)
 
 
 def test_another_tool_reads_it_and_numbers_are_decimal(made):
@@ -61,10 +76,16 @@ def test_another_tool_reads_it_and_numbers_are_decimal(made):
 
 @pytest.mark.parametrize(
     ("change", "said"),
-    [({"rows": 11}, "11 x 6 tactels"), ({"pitch_mm": 0.1}, "pitch"), ({"bits": 24}, "24 bits")],
-    ids=lambda x: str(x),
+    [
+        ({"tactels_uv": grid(11, 6, 8e-3)}, "66 tactels"),
+        ({"tactels_uv": grid(0, 6, 8e-3)}, "0 tactels"),
+        ({"tactels_uv": np.full((2, 2), np.nan)}, "from the centre"),
+        ({"pitch": 1e-4}, "pitch"),
+        ({"bits": 24}, "24 bits"),
+    ],
+    ids=lambda x: str(x)[:20],
 )
 def test_what_cannot_be_is_refused(change, said):
-    usual = {"name": "x.eds", "rows": 6, "columns": 6, "pitch_mm": 8.0, "bits": 12}
+    usual = {"name": "x.eds", "tactels_uv": grid(6, 6, 8e-3), "pitch": 8e-3, "bits": 12}
     with pytest.raises(ValueError, match=said):
         NewBoard(**(usual | change))

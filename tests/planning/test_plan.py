@@ -9,6 +9,8 @@ from skinbus.can.virtual_bus import VirtualBus
 from skinbus.cli import group
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master import Master
+from skinbus.model import grid
+from skinbus.objects.new_board import NewBoard
 from skinbus.planning.plan import plan, plans
 from skinbus.planning.schedule import Release, cycle_times
 from skinbus.planning.traffic import traffic
@@ -161,6 +163,44 @@ def test_plan_names_can_fd_as_a_remedy(tmp_path):
     fd = load_arm(forearm_with(tmp_path, "skin-patch-fd", largest, "canfd = true"), check_load=False)
     assert plan(fd, COMPUTES, level="kmeans").holds
     assert not plan(fd, COMPUTES, level="kmeans", rate_hz=largest + 0.5).holds
+
+
+def test_plan_says_when_canfd_changes_nothing(tmp_path):
+    said = "canfd = true changes nothing"
+    classic = load_arm(forearm_with(tmp_path, "skin-patch", 30.0, "canfd = true"))
+    result = plan(classic, COMPUTES, level="kmeans")
+    assert result.holds
+    assert [warning.partition(":")[0] for warning in result.warnings] == [said]
+    for eds, canfd in (("skin-patch", ""), ("skin-patch-fd", "canfd = true")):
+        arm = load_arm(forearm_with(tmp_path, eds, 30.0, canfd))
+        assert not plan(arm, COMPUTES, level="kmeans").warnings
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("eds", "rate_hz", "bitrate", "least"),
+    [
+        ("skin-patch", 50.0, 500_000, "1 Mbit/s"),
+        ("skin-patch", 80.0, 1_000_000, "8-bit"),
+        ("skin-patch-8bit", 120.0, 1_000_000, "second bus"),
+    ],
+)
+def test_least_change_that_is_enough_is_named(tmp_path, eds, rate_hz, bitrate, least):
+    arm = load_arm(forearm_with(tmp_path, eds, rate_hz), check_load=False)
+    result = plan(arm, COMPUTES, level="kmeans", bitrate=bitrate)
+    (remedy,) = [warning for warning in result.warnings if "that is enough" in warning]
+    assert least in remedy
+
+
+@pytest.mark.slow
+def test_boards_of_ones_own_have_the_same_remedies_as_shipped_ones(tmp_path):
+    own = NewBoard(name="own.eds", tactels_uv=grid(4, 4, 10e-3), pitch=10e-3, bits=12)
+    (tmp_path / "own.eds").write_text(own.text())
+    arms = [
+        load_arm(forearm_with(tmp_path, eds, 90.0), check_load=False) for eds in ("skin-patch", "own.eds")
+    ]
+    shipped, mine = (plan(arm, COMPUTES, level="kmeans").warnings for arm in arms)
+    assert mine == shipped
 
 
 def test_plan_command_shows_both_bit_rates(tmp_path):

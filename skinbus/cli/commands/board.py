@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import Final
 
 import click
+import numpy as np
+import numpy.typing as npt
 
+from skinbus import model
 from skinbus.cli import output
 from skinbus.cli.commands.scan import NO_NODE
 from skinbus.cli.console import Console
@@ -16,8 +19,10 @@ from skinbus.cli.formatting import counted
 from skinbus.cli.host import run_to_end
 from skinbus.cli.options import BusWords, Range, bus_options, file_option
 from skinbus.cli.output import echo
+from skinbus.cli.press_csv import read_columns
 from skinbus.cli.progress import progress
-from skinbus.errors import EdsError, Fault
+from skinbus.config.positions import lay_flat
+from skinbus.errors import ConfigError, EdsError, Fault
 from skinbus.file_bytes import read_bytes
 from skinbus.master.commissioning.patch_check import (
     MS,
@@ -35,6 +40,8 @@ from skinbus.objects.eds_lint import lint
 from skinbus.objects.new_board import NewBoard, module_dcf
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
 
+Floats = npt.NDArray[np.float64]
+
 STYLES: Final = {Grade.PASS: "", Grade.FAIL: "bold red", Grade.SKIPPED: "dim"}
 
 
@@ -50,31 +57,75 @@ def command() -> None:
     """
 
 
-def _grid(ctx: click.Context, parameter: click.Parameter, value: str) -> tuple[int, int]:
+POSITIONS: Final = tuple(
+    tuple(name.format(unit) for name in names)
+    for names in (("u_{}", "v_{}"), ("x_{}", "y_{}", "z_{}", "nx", "ny", "nz"))
+    for unit in ("mm", "m")
+)
+"""Columns of the positions of tactels."""
+
+
+def _grid(ctx: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, int] | None:
     """Return columns and rows."""
+    if value is None:
+        return None
     if not (found := re.fullmatch(r"(\d{1,2})x(\d{1,2})", value)):
         raise click.BadParameter(f"{value!r} is no grid: wanted COLUMNSxROWS, such as 6x6")
     return int(found[1]), int(found[2])
 
 
+def _positions(path: Path) -> Floats:
+    """Return the places of tactels on their board, (n, 2) m from its centre, and say where that is."""
+    columns = read_columns(path, POSITIONS)
+    metres = {
+        name[0]: column * (1e-3 if name.endswith("_mm") else 1.0)
+        for name, column in columns.items()
+        if name[1:] in ("_mm", "_m")
+    }
+    if "u" in metres:
+        uv = np.stack([metres["u"], metres["v"]], -1)
+        centre = 0.5 * (uv.max(0) + uv.min(0))
+        echo("centre of the board in {}: u {:.2f} mm, v {:.2f} mm".format(path, *1e3 * centre))
+        return np.asarray(uv - centre)
+    normals = np.stack([columns[name] for name in ("nx", "ny", "nz")], -1)
+    flat = lay_flat(np.stack([metres[name] for name in "xyz"], -1), normals)
+    place, along = ("[{:.3f}, {:.3f}, {:.3f}]".format(*x) for x in (1e3 * flat.centre, flat.along))
+    echo(f"place of the board on a mesh in the frame of {path}: xyz_mm = {place}, along = {along}")
+    return flat.uv
+
+
 @command.command()
-@click.option("--grid", required=True, callback=_grid, help="Tactels: COLUMNSxROWS, at most 64.")
-@click.option("--pitch-mm", required=True, type=float, help="From one tactel to the next, mm.")
+@click.option("--grid", callback=_grid, help="Tactels: COLUMNSxROWS, at most 64.")
+@file_option("--positions", help="CSV file with a line for each tactel, in place of a grid.")
+@click.option(
+    "--pitch-mm", type=float, help="From one tactel to the next, mm; of positions the least distance."
+)
 @click.option("--bits", default=12, show_default=True, help="Of the converter, 8 to 16; 16 with --module.")
 @click.option(
     "--full-scale-kpa", default=250.0, show_default=True, type=float, help="Pressure at the largest reading."
 )
+@click.option("--canfd", is_flag=True, help="For a bus with CAN FD: 31 readings of 16 bits in a frame.")
 @click.option("--module", help="EDS of an analogue module: its inputs are the tactels, input 1 first.")
 @file_option(
     "--out", required=True, callback=output.writable, help="Write the EDS, or with --module the DCF."
 )
 def new(
-    grid: tuple[int, int], pitch_mm: float, bits: int, full_scale_kpa: float, module: str | None, out: Path
+    grid: tuple[int, int] | None,
+    positions: Path | None,
+    pitch_mm: float | None,
+    bits: int,
+    full_scale_kpa: float,
+    canfd: bool,
+    module: str | None,
+    out: Path,
 ) -> None:
     """Write a complete EDS: all readings mapped, identifiers that clash with no other board.
 
     It describes to the master and to any CANopen tool what your firmware must implement, see
     docs/profile.md. Names and numbers of the vendor are yours to fill in.
+
+    The tactels are a grid, or lie where a CSV file says: columns u_mm and v_mm (or u_m, v_m), or points of
+    the surface and its normals there, x_mm, y_mm, z_mm, nx, ny, nz (or x_m, ...), which are laid flat.
 
     With --module the board is an analogue module, whose firmware is not ours, and the file a DCF. Its inputs
     are 0x6401 (CiA 401) or 0x7130 (CiA 404), all of them in TPDOs as delivered; the master has it send
@@ -83,20 +134,26 @@ def new(
     \b
     Examples:
       skinbus board new --grid 6x6 --pitch-mm 8 --bits 12 --out my-board.eds
+      skinbus board new --positions tactels.csv --canfd --out my-board.eds
       skinbus board new --grid 4x2 --pitch-mm 20 --full-scale-kpa 500 --module IoX4_8AI.eds --out iox4.dcf
     """
-    columns, rows = grid
+    if (grid is None) == (positions is None) or (grid and pitch_mm is None):
+        raise click.UsageError("wanted --grid with --pitch-mm, or --positions")
     try:
+        uv = _positions(positions) if positions else model.grid(*(grid or (0, 0)), 1e-3 * (pitch_mm or 0.0))
+        apart = np.hypot(*(uv[:, None] - uv).T)
         board = NewBoard(
             name=out.name,
-            rows=rows,
-            columns=columns,
-            pitch_mm=pitch_mm,
+            tactels_uv=uv,
+            pitch=1e-3 * pitch_mm
+            if pitch_mm
+            else float(apart[~np.eye(len(uv), dtype=bool)].min(initial=np.inf)),
             bits=16 if module else bits,
             full_scale_pa=1e3 * full_scale_kpa,
+            canfd=canfd,
         )
         text = _dcf_of(module, board) if module else board.text()
-    except EdsError:
+    except ConfigError:
         raise
     except ValueError as error:
         raise click.UsageError(str(error)) from error
@@ -105,11 +162,11 @@ def new(
         echo(f"{out}: {counted(board.n_tactels, 'tactel')} at the inputs of {module}")
         return
     echo(
-        f"{out}: {counted(board.n_tactels, 'tactel')}, {counted(board.n_tpdos, 'TPDO')} of "
+        f"{out}: {counted(board.n_tactels, 'tactel')}, {counted(len(board.mapped), 'TPDO')} of "
         f"{board.reading_bits}-bit readings for the {bits} bits of the converter, left-adjusted"
     )
     if board.reading_bits < bits:
-        echo("16-bit readings of so many tactels do not fit into the 8 TPDOs with identifiers of their own")
+        echo("16-bit readings of more than 32 tactels need a board on CAN FD: --canfd")
 
 
 def _dcf_of(module: str, board: NewBoard) -> str:

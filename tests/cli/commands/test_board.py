@@ -7,7 +7,9 @@ from click.testing import CliRunner
 from skinbus.cli import group
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import ConfigError, EdsError
+from skinbus.objects.board import describe_patch
 from skinbus.objects.dcf import write_dcf
+from skinbus.objects.eds import load_eds
 from skinbus.objects.profile import TACTEL_GAIN, index_of
 from tests.objects.analogue_module import module_eds
 
@@ -41,8 +43,54 @@ def eds(tmp_path):
     result = run("new", "--grid", "6x6", "--pitch-mm", "8", "--bits", "12", "--out", path)
     assert result.exit_code == 0, result.output
     assert "36 tactels, 5 TPDOs of 8-bit readings" in result.output
-    assert "16-bit readings of so many tactels do not fit" in result.output
+    assert "16-bit readings of more than 32 tactels need a board on CAN FD: --canfd" in result.output
     return path
+
+
+L_SHAPE = [(0, 0), (8, 0), (16, 0), (0, 8), (0, 16)]
+"""Five tactels, mm; the middle of their extent is at 8, 8."""
+
+
+@pytest.mark.parametrize(
+    ("header", "line"),
+    [
+        ("u_mm,v_mm", "{},{}"),
+        ("v_m,u_m", "{1}e-3,{0}e-3"),
+        ("x_mm,y_mm,z_mm,nx,ny,nz", "{},{},5,0,0,1"),
+        ("nx,ny,nz,x_m,y_m,z_m", "0,0,2,{}e-3,{}e-3,0.1"),
+    ],
+)
+def test_tactels_lie_where_a_file_of_positions_says(tmp_path, header, line):
+    positions, out = tmp_path / "tactels.csv", tmp_path / "l.eds"
+    positions.write_text("\n".join([header, *(line.format(*place) for place in L_SHAPE)]))
+    result = run("new", "--positions", positions, "--canfd", "--out", out)
+    assert result.exit_code == 0, result.output
+    assert "8.0" in result.output  # the centre, in either form
+    assert "5 tactels, 1 TPDO of 16-bit readings" in result.output
+    patch = describe_patch(load_eds(out, 1))
+    assert patch.tactels_uv == pytest.approx(1e-3 * (np.array(L_SHAPE) - 8.0), abs=1e-6)
+    assert patch.diameter == pytest.approx(7e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "more", "said"),
+    [
+        ("u,v\n1,2\n", (), "u_mm"),
+        ("u_mm,v_mm\n1,x\n", (), "line 2, v_mm"),
+        ("u_mm,v_mm\n1,2\n1,2\n", (), "pitch of 0 mm"),
+        ("u_mm,v_mm\n1,2\n", (), "pitch of inf mm"),
+        ("u_mm,v_mm\n", ("--pitch-mm", 8), "1 at least"),
+        ("x_m,y_m,z_m,nx,ny,nz\n0,0,0,0,0,0\n", ("--pitch-mm", 8), "normal 1"),
+        ("u_mm,v_mm\n1,2\n", ("--grid", "4x4"), "wanted --grid with --pitch-mm, or --positions"),
+    ],
+)
+def test_positions_that_cannot_be_are_refused_and_nothing_is_written(tmp_path, text, more, said):
+    positions, out = tmp_path / "tactels.csv", tmp_path / "l.eds"
+    positions.write_text(text)
+    result = run("new", "--positions", positions, *more, "--out", out)
+    assert result.exit_code == 2 or isinstance(result.exception, ConfigError)
+    assert said in " ".join((result.output + str(result.exception)).replace("│", " ").split())
+    assert not out.exists()
 
 
 def test_a_new_board_does_not_replace_a_file_and_says_nothing_of_its_origin(eds):
