@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import canopen
-import numpy as np
 import numpy.typing as npt
 
 from skinbus.can.core import Core, Step
@@ -60,7 +59,6 @@ class Device(Core):
     Args:
         od: description and defaults; shared, never written.
         node_id: 1..127, or 255: unconfigured, LSS gives one.
-        image: memory of the process image, ``image_size(od)`` bytes; its own when None.
         storage: keeps parameters (0x1010) and the node-ID given by LSS over a restart; none when None.
 
     The first ``step`` boots it; what the host has set before is the start, a reset brings the defaults back.
@@ -77,7 +75,6 @@ class Device(Core):
         od: canopen.ObjectDictionary,
         node_id: int,
         *,
-        image: npt.NDArray[np.uint8] | None = None,
         storage: Storage | None = None,
     ) -> None:
         if not 1 <= node_id <= MAX_NODE_ID and node_id != UNCONFIGURED:
@@ -86,7 +83,7 @@ class Device(Core):
         if missing:
             raise ValueError(f"the object dictionary lacks {', '.join(missing)}")
         self.layout = ImageLayout(od, node_id)
-        self.values = Values(self.layout, image)
+        self.values = Values(self.layout)
         for entry in self.layout.entries.values():
             self.values.store(entry, self.values.default(entry, node_id))
         self.on_sync: Callable[[int, int], None] | None = None
@@ -186,6 +183,14 @@ class Device(Core):
     def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
         """Take frames of ours that did not go out: EMCY messages are sent again, others are outdated."""
         self._emcy.not_sent(now_ns, frames)
+
+    def stop_readings(self, is_stopped: bool) -> None:
+        """Have the readings in the image mean nothing, or something again.
+
+        They are sent no more, unless a TPDO maps the status of their sample, which is then OLD.
+        """
+        self.sample_status = SampleStatus.OLD if is_stopped else SampleStatus(0)
+        self._tpdo.withhold(is_stopped)
 
     def transmit_tpdo(self, number: int) -> bool:
         """Ask for an event-driven TPDO; False when it is not sent on events in this state."""

@@ -133,11 +133,6 @@ class ImageLayout:
         return first, np.dtype(fields)
 
 
-def image_size(od: canopen.ObjectDictionary) -> int:
-    """Bytes of the process image of this dictionary, for hosts that own the memory of many devices."""
-    return ImageLayout(od, 0).image_size
-
-
 def _variables(item: Any) -> Iterator[tuple[Any, bool]]:
     """Variables of one object, and whether they may lie in the image (sub-index 0 of a group does not)."""
     if isinstance(item, ODVariable):

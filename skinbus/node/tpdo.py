@@ -15,7 +15,8 @@ from skinbus.node.emcy import EmcyService
 from skinbus.node.mapping import packer
 from skinbus.node.pdo_rules import PdoRules
 from skinbus.objects.cia import SYNC_COUNTER_OVERFLOW, SYNC_WINDOW, EmcyCode, NmtState, TransmissionType
-from skinbus.objects.pdo import Direction, PdoMap, pdo_numbers
+from skinbus.objects.pdo import Direction, PdoMap, pdo_numbers, readings_in
+from skinbus.objects.profile import SAMPLE_STATUS, index_of
 
 _make_frame = tuple.__new__
 
@@ -70,6 +71,9 @@ class TpdoService:
         self._some_syncs: list[Tpdo] = []
         self._by_event: list[Tpdo] = []
         self._is_late = False
+        self._is_withheld = False
+        od = dictionary.layout.od
+        self._status = index_of(od, SAMPLE_STATUS) if SAMPLE_STATUS.object in od.names else None
         for number in pdo_numbers(dictionary.layout.od, Direction.TPDO):
             rules = PdoRules(self.values, Direction.TPDO, number)
             self.pdos[number] = Tpdo(
@@ -88,6 +92,12 @@ class TpdoService:
         if state is NmtState.OPERATIONAL:
             for pdo in self.pdos.values():
                 self._start(pdo)
+        self._plan()
+
+    def withhold(self, is_withheld: bool) -> None:
+        """Send no readings from now on, or again; where the status of samples is mapped it says it all."""
+        self._is_withheld = is_withheld
+        self._sort()
         self._plan()
 
     def request(self, number: int) -> bool:
@@ -194,9 +204,11 @@ class TpdoService:
         self._every_sync, self._some_syncs, self._by_event = [], [], []
         if self.context.state is not NmtState.OPERATIONAL:
             return
-        for pdo in self.pdos.values():
-            if not pdo.map.valid:
-                continue
+        sent = [pdo for pdo in self.pdos.values() if pdo.map.valid]
+        mapped = [(entry.index, entry.sub) for pdo in sent for entry in pdo.map.entries]
+        if self._is_withheld and self._status not in mapped:
+            sent = [pdo for pdo in sent if not readings_in(pdo.map)]
+        for pdo in sent:
             if pdo.by_event:
                 self._by_event.append(pdo)
             elif pdo.map.transmission_type == 1 and not pdo.map.sync_start:

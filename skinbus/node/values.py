@@ -13,16 +13,10 @@ from skinbus.node.layout import OUTSIDE, ImageEntry, ImageLayout, key_of
 class Values:
     """Bytes of every entry; without access rights or rules."""
 
-    def __init__(self, layout: ImageLayout, image: npt.NDArray[np.uint8] | None = None) -> None:
-        if image is None:
-            image = np.zeros(layout.image_size, np.uint8)
-        if image.dtype != np.uint8 or image.shape != (layout.image_size,) or not image.flags.c_contiguous:
-            raise ValueError(
-                f"image: wanted {layout.image_size} contiguous uint8, got {image.dtype} {image.shape}"
-            )
+    def __init__(self, layout: ImageLayout) -> None:
         self.layout = layout
-        self.image = image
-        self.memory = memoryview(image.data)
+        self.image = np.zeros(layout.image_size, np.uint8)
+        self.memory = memoryview(self.image.data)
         self.outside: dict[int, bytes | None] = {}
 
     def load(self, entry: ImageEntry) -> bytes | None:

@@ -283,7 +283,14 @@ EMCY_CLASSES = {
 }
 """Classes of error codes by their upper byte (CiA 301, table 26)."""
 
+SOURCE_STOPPED = b"stop"
+"""Data of the EMCY of a patch (HARDWARE) without any healthy tactel."""
+TACTELS_FAILED = b"part"
+"""The same of one of which some are healthy; the others read the lowest value, at a rail."""
+
 EMCY_WORDS = {
+    (EmcyCode.HARDWARE, SOURCE_STOPPED): "no readings: their source has stopped",
+    (EmcyCode.HARDWARE, TACTELS_FAILED): "some tactels have no readings",
     (EmcyCode.COMMUNICATION, SYNC_WINDOW.to_bytes(2, "little")): (
         "synchronous window missed: TPDOs were not ready in time, a slower rate_hz would help"
     ),

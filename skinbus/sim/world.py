@@ -19,15 +19,18 @@ from functools import partial
 from math import inf
 from typing import Final
 
+import numpy as np
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event
 from skinbus.can.frame import Frame
 from skinbus.config.system import ods_of
-from skinbus.node import Device
-from skinbus.sim.boards import Boards, Counts
-from skinbus.sim.effect import Stage, on_bus, stream
+from skinbus.node import Device, PatchHost, Sample
+from skinbus.node.storage import MemoryStorage
+from skinbus.objects.cia import SYNC_ID
+from skinbus.sim.boards import DriftingDevice, SpoiltTraffic
+from skinbus.sim.effect import Ints, Stage, on_bus, stream
 from skinbus.sim.sampler import Sampler
 from skinbus.sim.scene import Scene
 from skinbus.sim.touch import Touches
@@ -69,29 +72,23 @@ class World(Core):
         boot_s = stream(scene.seed, "boot").uniform(*BOOT_S, arm.n_patches)
         on_buses = list(range(len(arm.buses)) if buses is None else buses)
         patches = [arm.patches_on(bus) for bus in on_buses]
-        self.boards = [
-            Boards(
-                part := arm.part(bus),
-                ods[mine],
-                partial(self._newest, k),
-                boot_s=boot_s[mine],
-                clock_ppm=self.sampler.clock_ppm[mine],
-                frame_steps=[
-                    effect.bind(part, stream(scene.seed, effect.name, bus))
-                    for effect in scene.effects
-                    if effect.stage is Stage.FRAMES
-                ],
-                scene_s=lambda: self._scene_s(self.n_samples - 1),
-            )
-            for k, (bus, mine) in enumerate(zip(on_buses, patches, strict=True))
+        devices = [self._device(p, od) for p, od in enumerate(ods)]
+        self.hosts = [
+            PatchHost(devices[mine], partial(self._newest, k), boot_s[mine].tolist())
+            for k, mine in enumerate(patches)
         ]
         """By bus."""
         self._tactels = [slice(arm.patch_start[mine.start], arm.patch_start[mine.stop]) for mine in patches]
-        self.devices: list[Device] = [device for boards in self.boards for device in boards.devices]
-        self._counts = [self.sampler.counts[tactels] for tactels in self._tactels]
-        self._has_sample = [True] * len(self.boards)
-        for boards, counts in zip(self.boards, self._counts, strict=True):
-            boards.show(counts)
+        self._sampled: Ints | None = None
+        self._counts: list[Ints] = []
+        """Of each bus."""
+        self._healthy = np.ones(arm.n_tactels, np.bool_)
+        self.devices = [device for host in self.hosts for device in host.devices]
+        self.cores: list[Core] = [
+            self._with_effects(host, bus) for host, bus in zip(self.hosts, on_buses, strict=True)
+        ]
+        """The same with effects on their traffic."""
+        self._has_sample = [True] * len(self.hosts)
         self._period_ns = round(1e9 / arm.bus.rate_hz)
         self.on_sample: Callable[[int, float], None] | None = None
         """Called with bus time (ns) and scene time (s) when a sample is taken."""
@@ -99,16 +96,16 @@ class World(Core):
     @property
     def n_buses(self) -> int:
         """On how many buses there are patches."""
-        return len(self.boards)
+        return len(self.hosts)
 
     @property
     def cob_ids(self) -> frozenset[int]:
         """Identifiers that any device on the first bus listens to."""
-        return self.boards[0].cob_ids
+        return self.hosts[0].cob_ids
 
     def cob_ids_on(self, bus: int) -> frozenset[int]:
         """Identifiers that any device on a bus listens to."""
-        return self.boards[bus].cob_ids
+        return self.hosts[bus].cob_ids
 
     def scene_time(self, t_ns: int) -> float:
         """Return the scene time at a bus time (s): that of the latest SYNC up to then."""
@@ -124,31 +121,60 @@ class World(Core):
 
     def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> Step:
         """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
-        if len(self.boards) == 1:
-            return self.boards[0].step(now_ns, frames)
+        for frame in frames:
+            if frame.can_id == SYNC_ID and not frame.flags:
+                self._sync(frame.bus, now_ns)
+        if len(self.cores) == 1:
+            return self.cores[0].step(now_ns, frames)
         out: list[Frame] = []
         events: list[Event] = []
         wake_ns = NEVER
-        for k, boards in enumerate(self.boards):
-            step = boards.step(now_ns, [frame for frame in frames if frame.bus == k])
+        for k, core in enumerate(self.cores):
+            step = core.step(now_ns, [frame for frame in frames if frame.bus == k])
             out += [on_bus(k, frame) for frame in step.frames]
             events += [replace(event, bus=k) for event in step.events]
             wake_ns = min(wake_ns, step.wake_ns)
         return Step(out, events, wake_ns)
 
-    def _newest(self, k: int, now_ns: int) -> Counts:
-        """Return the readings of bus k, which has a SYNC now.
+    def _device(self, p: int, od: ObjectDictionary) -> Device:
+        """Return patch p."""
+        node_id, ppm = int(self.scene.arm.node_id[p]), float(self.sampler.clock_ppm[p])
+        if not ppm:
+            return Device(od, node_id, storage=MemoryStorage())
+        device = DriftingDevice(od, node_id, storage=MemoryStorage())
+        device.ppm = ppm
+        return device
 
-        A sample is due, unless another bus had the SYNC of this cycle before.
-        """
+    def _with_effects(self, host: PatchHost, bus: int) -> Core:
+        """Return the patches of a bus with the effects on their traffic, if there are any."""
+        scene = self.scene
+        part = scene.arm.part(bus)
+        effects = [
+            effect.bind(part, stream(scene.seed, effect.name, bus))
+            for effect in scene.effects
+            if effect.stage is Stage.FRAMES
+        ]
+        if not effects:
+            return host
+        return SpoiltTraffic(host, effects, lambda: self._scene_s(self.n_samples - 1))
+
+    def _sync(self, k: int, now_ns: int) -> None:
+        """Take a sample for the SYNC of bus k, unless another bus had the SYNC of this cycle before."""
         if self._has_sample[k] or now_ns - self._times[-1] > self._period_ns // 2:
             self._times.append(now_ns)
             self.n_samples += 1
             t_s = self._scene_s(self.n_samples - 1)
             if self.on_sample is not None:
                 self.on_sample(now_ns, t_s)
-            self._has_sample = [False] * len(self.boards)
-            if self.sampler.sample(t_s):
-                self._counts = [self.sampler.counts[tactels] for tactels in self._tactels]
+            self._has_sample = [False] * len(self.hosts)
+            self.sampler.sample(t_s)
         self._has_sample[k] = True
-        return self._counts[k]
+
+    def _newest(self, k: int, now_ns: int) -> Sample:
+        """Return what the patches of bus k read."""
+        if self._sampled is not self.sampler.counts:
+            self._sampled = self.sampler.counts
+            self._counts = [self._sampled[tactels] for tactels in self._tactels]
+        t_ns = self._times[-1] if self._times else now_ns
+        n = len(self.hosts[k].devices)
+        return Sample(self._counts[k], np.full(n, t_ns), self._healthy[self._tactels[k]])

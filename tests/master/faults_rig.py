@@ -28,7 +28,7 @@ def last(rig):
 
 def wake(rig):
     """Let the device send at once what it has been asked to by hand."""
-    rig.world.boards[0].wake(rig.scene.arm.patch_at(NODE), rig.wire.now_ns + 1)
+    rig.world.hosts[0].wake(rig.scene.arm.patch_at(NODE), rig.wire.now_ns + 1)
     rig.wire.wake(rig.wire.ports[0])
 
 

@@ -24,9 +24,11 @@ from dataclasses import dataclass
 from functools import partialmethod
 from pathlib import Path
 
+import numpy as np
+
 from skinbus.can.core import NEVER, receives
 from skinbus.can.frame import RTR, Frame
-from skinbus.node.device import Device
+from skinbus.node import Device, PatchHost, Sample
 from skinbus.node.storage import MemoryStorage, Storage
 from skinbus.objects.cia import (
     HEARTBEAT_PRODUCER,
@@ -42,7 +44,8 @@ from skinbus.objects.profile import SampleStatus
 
 NS_PER_MS = 1_000_000
 SERIAL = 0x00C0FFEE
-DEVICES = {"patch": ("skin-patch", 5), "master": ("skin-master", 127)}
+DEVICES = {"patch": ("skin-patch", 5), "hosted": ("skin-patch", 5), "master": ("skin-master", 127)}
+"""A device by itself, in a host that gives it its readings, and the master's."""
 
 To = {"pre": NmtCommand.PRE_OPERATIONAL, "op": NmtCommand.START, "stopped": NmtCommand.STOP}
 
@@ -136,7 +139,7 @@ class Actions:
         self.device.set(*place, value)
 
     def sample(self, *readings) -> None:
-        self.device.image_view(0x6401, 1, len(readings))[:] = readings
+        self.bench.sample(readings)
 
     def ask(self, number) -> None:
         self.device.transmit_tpdo(number)
@@ -213,9 +216,10 @@ class Bench:
     ) -> None:
         self.which = which
         self.storage = storage
+        self.counts = np.zeros(16, np.int32)
         self.node_id = node_id or DEVICES[which][1]
-        self.device = self.make()
         self.now_ns = 0
+        self.power_on()
         self.sent: list[Frame] = []
         self.events: list[object] = []
         if state != "off":
@@ -232,9 +236,21 @@ class Bench:
         device.set(IDENTITY, IDENTITY_SERIAL, SERIAL)
         return device
 
-    def power(self) -> None:
+    def power_on(self) -> None:
         self.device = self.make()
+        self.host = PatchHost([self.device], self.newest) if self.which == "hosted" else None
+
+    def power(self) -> None:
+        self.power_on()
         self.boot()
+
+    def sample(self, readings) -> None:
+        """What the tactels read from now on, the first first."""
+        self.counts = np.array([*readings, *self.counts[len(readings) :]], np.int32)
+        self.device.image_view(0x6401, 1, 16)[:] = self.counts
+
+    def newest(self, now_ns) -> Sample:
+        return Sample(self.counts, np.array([now_ns]), np.ones(16, np.bool_))
 
     def boot(self) -> None:
         self.step()
@@ -244,7 +260,11 @@ class Bench:
                 self.device.set(SYNC_PERIOD, 0, 0)
 
     def step(self, frames: Sequence[Frame] = ()) -> int:
-        out, events, wake_ns = self.device.step(self.now_ns, frames)
+        core = self.device
+        if self.host:
+            core = self.host
+            core.wake(0, self.now_ns)  # for what was done to the device by hand
+        out, events, wake_ns = core.step(self.now_ns, frames)
         assert all(len(frame.data) <= 8 and frame.can_id < 0x800 for frame in out)
         self.sent += out
         self.events += events

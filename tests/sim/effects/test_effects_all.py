@@ -112,7 +112,7 @@ def test_other_seed_gives_other_bytes(simulate, alone, name):
     if name == "clock_drift":
         assert other.world.sampler.clock_ppm != alone[name].world.sampler.clock_ppm
     elif name == "patch_reset":
-        step, same = (run.world.boards[0].frame_steps[0] for run in (other, alone[name]))
+        step, same = (run.world.cores[0].effects[0] for run in (other, alone[name]))
         assert step.next_s != same.next_s
     else:
         assert other.frames != alone[name].frames

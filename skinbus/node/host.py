@@ -1,0 +1,193 @@
+"""The patches of one bus: CANopen devices behind one core that send the newest readings of a source.
+
+A source is a scene, a sensor, or a skin that is not CANopen. Frames reach only the devices that listen to
+them, and a device is woken only when it asked for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from heapq import heappop, heappush
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.event import Event
+from skinbus.can.frame import REMOTE_ID, RTR, Frame
+from skinbus.node.device import Device
+from skinbus.objects.cia import READINGS, SOURCE_STOPPED, SYNC_ID, TACTELS_FAILED, EmcyCode, NmtState
+from skinbus.objects.profile import HEALTHY_TACTELS, index_of
+
+
+class Sample(NamedTuple):
+    """What all patches of a host read, one after the other in the order of its devices."""
+
+    counts: npt.NDArray[np.int32]
+    """(n_tactels,) left-adjusted."""
+    t_ns: npt.NDArray[np.int64]
+    """(n_patches,) when each was sampled."""
+    healthy: npt.NDArray[np.bool_]
+    """(n_tactels,) False where the count means nothing; a patch without any has stopped."""
+
+
+Source = Callable[[int], Sample]
+"""Return the newest sample at a time (ns), without waiting; it is asked at each SYNC.
+
+Counts that change come as a new array: one that was returned before is not looked at again.
+"""
+
+
+class PatchHost(Core):
+    """A core, made of cores: the patches on one bus.
+
+    Args:
+        devices: one for each patch; their readings are 0x6401 or 0x6400.
+        source: what they read.
+        boot_s: (n_patches,) time from power-on to the first sign of life, s; none if not given.
+    """
+
+    def __init__(self, devices: Sequence[Device], source: Source, boot_s: Sequence[float] = ()) -> None:
+        self.devices = devices
+        self._source = source
+        self._shows = [
+            device.image_view(index, 1, len(device.layout.subs(index)))
+            for device in devices
+            for index in READINGS
+            if index in device.layout.indices
+        ]
+        """Where the TPDOs of each patch find its readings."""
+        self._ends = np.cumsum([len(view) for view in self._shows])
+        ends = [0, *self._ends.tolist()]
+        self._tactels = [slice(*pair) for pair in pairwise(ends)]
+        self._shown: Sample | None = None
+        self._healthy = np.ones(ends[-1], np.bool_)
+        self._lowest = np.concatenate([np.full(len(v), np.iinfo(v.dtype).min) for v in self._shows])
+        self._cleared = [0] * len(devices)
+        """Bits of "Healthy tactels" that were set and are not now."""
+        for i, device in enumerate(devices):
+            device.on_nmt = partial(self._report, i)
+        self._boot_s = boot_s or [0.0] * len(devices)
+        self._wake_ns = [NEVER] * len(devices)
+        self._wakes: list[tuple[int, int]] = []
+        self._listeners: dict[int, list[int]] = {}
+        self._heard: list[frozenset[int]] = [frozenset()] * len(devices)
+        self._cob_ids = frozenset({SYNC_ID})
+        self._is_on = False
+        self.deaf: frozenset[int] = frozenset()
+        """Node-IDs of those that receive nothing now: their plug is pulled."""
+
+    @property
+    def cob_ids(self) -> frozenset[int]:
+        """Identifiers that any device listens to, and SYNC: it asks the source even when none does."""
+        return self._cob_ids
+
+    def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> Step:
+        """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
+        out: list[Frame] = []
+        events: list[Event] = []
+        if not self._is_on:
+            self._is_on = True
+            for i, boot_s in enumerate(self._boot_s):
+                self.wake(i, now_ns + round(1e9 * boot_s))
+            self._show(now_ns)
+        for frame in frames:
+            if frame.can_id == SYNC_ID and not frame.flags:
+                self._show(now_ns)
+            frame_id = frame.can_id | REMOTE_ID if frame.flags == RTR else frame.can_id
+            for i in self._listeners.get(frame_id, ()):
+                if not self.deaf or self.devices[i].node_id not in self.deaf:
+                    self._step(i, now_ns, (frame,), out, events)
+        while self._wakes and self._wakes[0][0] <= now_ns:
+            wake_ns, i = heappop(self._wakes)
+            if self._wake_ns[i] == wake_ns:
+                self._wake_ns[i] = NEVER
+                self._step(i, now_ns, (), out, events)
+        return Step(out, events, self.wake_ns)
+
+    @property
+    def wake_ns(self) -> int:
+        """When a device is to be stepped next, ns."""
+        return self._wakes[0][0] if self._wakes else NEVER
+
+    def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
+        """Have the EMCY messages among these frames sent again."""
+        for i, device in enumerate(self.devices):
+            device.not_sent(now_ns, frames)
+            self.wake(i, now_ns)
+
+    def wake(self, i: int, wake_ns: int) -> None:
+        """Have device i stepped at a time, and not before unless it receives something."""
+        if wake_ns != self._wake_ns[i]:
+            self._wake_ns[i] = wake_ns
+            if wake_ns < NEVER:
+                heappush(self._wakes, (wake_ns, i))
+
+    def _show(self, now_ns: int) -> None:
+        """Put the newest readings where the TPDOs find them."""
+        shown, sample = self._shown, self._source(now_ns)
+        self._shown = sample
+        if shown and sample.counts is shown.counts and sample.healthy is shown.healthy:
+            return
+        if not shown or sample.healthy is not shown.healthy:
+            self._judge(now_ns, sample.healthy)
+        counts = sample.counts
+        if not self._healthy.all():
+            counts = np.where(self._healthy, counts, self._lowest)
+        for view, tactels in zip(self._shows, self._tactels, strict=True):
+            view[:] = counts[tactels]
+
+    def _judge(self, now_ns: int, healthy: npt.NDArray[np.bool_]) -> None:
+        """Report the patches of which tactels are no longer healthy, or are again."""
+        (changed,) = np.nonzero(healthy != self._healthy)
+        self._healthy = healthy
+        for i in np.unique(np.searchsorted(self._ends, changed, "right")).tolist():
+            self._report(i)
+            self.wake(i, now_ns)
+
+    def _report(self, i: int, state: NmtState = NmtState.PRE_OPERATIONAL) -> None:
+        """Have device i say which of its tactels are healthy; after a reset it has forgotten."""
+        if state is not NmtState.PRE_OPERATIONAL:
+            return
+        device, own = self.devices[i], self._healthy[self._tactels[i]]
+        is_stopped = not own.any()
+        device.stop_readings(is_stopped)
+        for fault, is_there in (
+            (SOURCE_STOPPED, is_stopped),
+            (TACTELS_FAILED, not (is_stopped or own.all())),
+        ):
+            if is_there:
+                device.emcy(EmcyCode.HARDWARE, data=fault)
+            else:
+                device.emcy_clear(EmcyCode.HARDWARE, fault)
+        od = device.layout.od
+        if HEALTHY_TACTELS.object in od.names:
+            place = index_of(od, HEALTHY_TACTELS)
+            others = device.get(*place) | self._cleared[i]
+            bits = int.from_bytes(np.packbits(own, bitorder="little").tobytes(), "little")
+            self._cleared[i] = others & ~bits
+            device.set(*place, others & bits)
+
+    def _step(
+        self, i: int, now_ns: int, frames: Sequence[Frame], out: list[Frame], events: list[Event]
+    ) -> None:
+        device = self.devices[i]
+        step = device.step(now_ns, frames)
+        out += step.frames
+        events += step.events
+        self.wake(i, step.wake_ns)
+        if device.cob_ids is not self._heard[i]:
+            self._heard[i] = device.cob_ids
+            self._listen()
+
+    def _listen(self) -> None:
+        """Compile which device receives what; called when a device changes what it listens to."""
+        listeners: dict[int, list[int]] = {}
+        for i, cob_ids in enumerate(self._heard):
+            for cob_id in cob_ids:
+                listeners.setdefault(cob_id, []).append(i)
+        self._listeners = listeners
+        self._cob_ids = frozenset(listeners) | {SYNC_ID}

@@ -1,0 +1,151 @@
+"""The patches of one bus and their source: what is read is sent, and what means nothing is not."""
+
+import numpy as np
+import pytest
+
+from skinbus.can.frame import Frame
+from skinbus.node import Device, PatchHost, Sample
+from skinbus.objects.eds import load_eds
+
+MS = 1_000_000
+PERIOD_MS = 20
+STOPPED, PART, GONE = "00 50 01 73 74 6F 70 00", "00 50 01 70 61 72 74 00", "00 00 00 00 50"
+
+
+class Rig:
+    """Three patches of 16 tactels that are OPERATIONAL, and what they say to each SYNC."""
+
+    def __init__(self, eds="skin-patch"):
+        self.counts, self.healthy = np.zeros((3, 16), np.int32), np.ones((3, 16), np.bool_)
+        self.n_asked = 0
+        self.host = PatchHost([Device(load_eds(eds, n), n) for n in (1, 2, 3)], self.newest)
+        self.now_ns = 0
+        self.host.step(0)
+        self.hear(Frame(0x000, b"\x01\x00"))
+
+    def newest(self, now_ns):
+        self.n_asked += 1
+        return Sample(self.counts.ravel(), np.full(3, now_ns), self.healthy.ravel())
+
+    def hear(self, frame):
+        return self.host.step(self.now_ns, [frame]).frames
+
+    def sync(self):
+        """Return what each node says, readings as (n,) counts and EMCY as text, by node-ID."""
+        self.now_ns += PERIOD_MS * MS
+        said = {1: [], 2: [], 3: []}
+        errors = {1: [], 2: [], 3: []}
+        for frame in self.hear(Frame(0x080)):
+            node_id = frame.can_id & 0x7F
+            if frame.can_id < 0x100:
+                errors[node_id].append(frame.data.hex(" ").upper())
+            else:
+                said[node_id] += np.frombuffer(frame.data, "<i2").tolist()
+        return said, errors
+
+    def set(self, patch, tactels, healthy):
+        self.healthy = self.healthy.copy()
+        self.healthy[patch, tactels] = healthy
+
+
+@pytest.fixture
+def rig():
+    return Rig()
+
+
+def test_each_patch_sends_its_own_readings_of_the_newest_sample(rig):
+    for _ in range(3):
+        rig.counts = np.random.default_rng(rig.n_asked).integers(-0x8000, 0x8000, (3, 16)).astype(np.int32)
+        said, errors = rig.sync()
+        assert [said[n] for n in (1, 2, 3)] == rig.counts.tolist()
+        assert not any(errors.values())
+
+
+def test_tactel_without_a_reading_is_at_a_rail_and_said_until_it_has_one(rig):
+    rig.counts = rig.counts + 100
+    rig.sync()
+    rig.set(1, [3, 15], False)
+    said, errors = rig.sync()
+    assert said[2] == [-0x8000 if k in (3, 15) else 100 for k in range(16)]
+    assert said[1] == said[3] == [100] * 16
+    assert errors == {1: [], 2: [PART], 3: []}
+    assert rig.host.devices[1].get(0x2040) == 0x7FF7
+    assert not any(rig.sync()[1].values()), "it is said once"
+    rig.set(1, 3, True)
+    said, errors = rig.sync()
+    assert said[2] == [100] * 15 + [-0x8000]
+    rig.set(1, 15, True)
+    said, errors = rig.sync()
+    assert said[2] == [100] * 16
+    assert errors[2][0].startswith(GONE)
+    assert rig.host.devices[1].get(0x2040) == 0xFFFF
+
+
+def test_patch_whose_source_has_stopped_sends_no_readings_and_others_do(rig):
+    rig.counts = rig.counts + 7
+    rig.sync()
+    rig.set(0, slice(None), False)
+    said, errors = rig.sync()
+    assert (said[1], said[2], said[3]) == ([], [7] * 16, [7] * 16)
+    assert errors[1] == [STOPPED]
+    assert rig.sync()[0][1] == []
+    rig.set(0, slice(None), True)
+    said, errors = rig.sync()
+    assert said[1] == [7] * 16
+    assert errors[1][0].startswith(GONE)
+
+
+def test_where_the_status_of_samples_is_mapped_a_stopped_source_is_marked():
+    rig = Rig("skin-patch-fd")
+    rig.sync()
+    rig.set(0, slice(None), False)
+    said, errors = rig.sync()
+    assert errors[1] == [STOPPED]
+    marks = [frame.data[33] for frame in rig.hear(Frame(0x080)) if len(frame.data) > 32]
+    assert marks == [0x05, 0, 0], "older than the SYNC, and an error is there"
+    assert set(said[1][:16]) == {-0x8000}
+
+
+def test_patch_that_starts_while_its_source_stands_still_says_so_after_its_boot(rig):
+    rig.set(2, slice(None), False)
+    rig.sync()
+    said = rig.hear(Frame(0x000, b"\x81\x03"))
+    assert [(frame.can_id, frame.data.hex(" ").upper()) for frame in said] == [
+        (0x703, "00"),
+        (0x083, STOPPED),
+    ]
+    assert rig.host.devices[2].get(0x2040) == 0
+    rig.hear(Frame(0x000, b"\x01\x00"))
+    assert rig.sync()[0][3] == []
+
+
+def test_bits_that_the_master_clears_stay_cleared_when_tactels_come_back(rig):
+    rig.sync()
+    rig.host.devices[0].set(0x2040, 0, 0xFFFE)
+    rig.set(0, [0, 1], False)
+    rig.sync()
+    assert rig.host.devices[0].get(0x2040) == 0xFFFC
+    rig.set(0, [0, 1], True)
+    rig.sync()
+    assert rig.host.devices[0].get(0x2040) == 0xFFFE
+
+
+def test_sample_that_was_returned_before_is_not_looked_at_again(rig):
+    rig.counts = rig.counts + 5
+    sample = rig.newest(0)
+    rig.newest = lambda now_ns: sample
+    rig.host = PatchHost(rig.host.devices, lambda now_ns: sample)
+    rig.host.step(rig.now_ns)
+    rig.hear(Frame(0x000, b"\x81\x00"))
+    rig.hear(Frame(0x000, b"\x01\x00"))
+    assert rig.sync()[0][1] == [5] * 16
+    sample.counts[:] = 6
+    assert rig.sync()[0][1] == [5] * 16
+
+
+def test_deaf_node_receives_nothing_and_is_there_again_afterwards(rig):
+    rig.host.deaf = frozenset({2})
+    said, _ = rig.sync()
+    assert [len(said[n]) for n in (1, 2, 3)] == [16, 0, 16]
+    rig.host.deaf = frozenset()
+    assert len(rig.sync()[0][2]) == 16
