@@ -70,7 +70,7 @@ Examples:
   skinbus demo                                     everything in one process, ten seconds
   skinbus sim forearm --interface socketcan --channel vcan0
   skinbus run forearm --interface socketcan --channel can0
-  skinbus monitor --interface socketcan --channel can0
+  skinbus monitor forearm --interface socketcan --channel can0
 """
 
 

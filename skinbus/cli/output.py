@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import click
 
-from skinbus.errors import ConfigError, Fault
+from skinbus.errors import ConfigError, Fault, SkinbusError
 from skinbus.printable import layout
 
 BROKEN_PIPE: Final = 141
@@ -161,6 +161,15 @@ def whole_file(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
+@contextmanager
+def figures_wanted() -> Iterator[None]:
+    """Turn a missing matplotlib into one clear message."""
+    try:
+        yield
+    except ImportError as error:
+        raise SkinbusError(f"figures need matplotlib ({error}); pip install 'skinbus[figures]'") from error
+
+
 def folder(ctx: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
     """Make a folder before the work begins, or refuse it."""
     if value is not None:
@@ -186,4 +195,4 @@ def _of_kind(what: str, *kinds: str) -> Callable[..., Path | None]:
 
 writable = _of_kind("file")
 dcf = _of_kind("DCF", ".dcf")
-html = _of_kind("page", ".html", ".htm")
+svg = _of_kind("figure", ".svg")

@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,17 +27,22 @@ MAX_BYTES: Final = 256 << 20
 FEWEST: Final = 10
 """Lines of columns over time."""
 MOST: Final = 2.0**32
-"""Counts have 32 bits at most, and 4 GPa is beyond any skin; what follows overflows nowhere."""
-PLACE: Final = ("node_id", "s_mm", "a_mm")
-CHOICES: Final = ((*PLACE, "c1"), (*PLACE, "p1"))
-"""Readings are c1, c2, ... as they are on the wire, or p1, p2, ... in Pa; gains of the board are in neither:
-they change with each calibration from the same presses."""
-WANTED: Final = "node_id, s_mm, a_mm, and c1, c2, ... or p1, p2, ...; force_n and n1, n2, ... if known"
-OPTIONAL: Final = re.compile(r"force_n|[cpn][1-9]\d{0,3}")
-"""Columns that are read where they are there; n1, n2, ... are noise in the unit of the readings."""
+"""4 GPa is beyond any skin; what follows overflows nowhere."""
+PRESSES: Final = ("node_id", "s_mm", "a_mm", "p1")
+"""Readings are p1, p2, ... in Pa; gains of the board are not in them: they change with each calibration from
+the same presses."""
+WANTED: Final = "node_id, s_mm, a_mm, and p1, p2, ...; force_n and n1, n2, ... if known"
+OPTIONAL: Final = re.compile(r"force_n|[pn][1-9]\d{0,3}")
+"""Columns that are read where they are there; n1, n2, ... are noise in Pa."""
 
-Row = tuple[int, dict[str, float], str]
-"""Line, numbers by column (NaN for a cell that is none), and the name of a bus."""
+
+class Row(NamedTuple):
+    """A line of a file."""
+
+    line: int
+    numbers: dict[str, float]
+    """By column; NaN for a cell that is none."""
+    bus: str
 
 
 def read_presses(arm: Arm, path: Path) -> list[Press]:
@@ -46,48 +51,48 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
     Raises:
         ConfigError: faults of the file, all of them; keys are line and column.
     """
-    names, rows, faults = _read(path, CHOICES, WANTED, ["force_n"])
-    kind, several = "c" if "c1" in names else "p", " or ".join(bus.name for bus in arm.buses)
-    which = f"; a column bus with {several}, where node-IDs repeat" if len(arm.buses) > 1 else ""
-    patches: dict[tuple[float, str], int] = {}
-    for p, placed in enumerate(arm.patches):
-        for key in {(placed.node_id, ""), (placed.node_id, arm.buses[placed.bus].name)}:
-            patches[key] = -1 if key in patches else p  # not clear without the name of a bus
+    _, rows, faults = _read(path, [PRESSES], WANTED, ["force_n"])
+    buses = [bus.name for bus in arm.buses]
+    which = f"; a column bus with {' or '.join(buses)}, where node-IDs repeat" if len(buses) > 1 else ""
     presses: list[Press] = []
     for line, row, bus in rows:
-        p = patches.get((row["node_id"], bus if which else ""), -1)
-        here, force = arm.tactels_of(max(p, 0)), row.get("force_n", math.nan)
-        n, scale = here.stop - here.start, np.asarray(arm.tactel_gain[here])
-        readings, noise = (
-            np.array([row.get(f"{letter}{k + 1}", math.nan) for k in range(n)]) for letter in (kind, "n")
-        )
-        if p < 0:
+        named = bus if which else ""
+        own = [
+            p
+            for p, placed in enumerate(arm.patches)
+            if placed.node_id == row["node_id"] and named in ("", buses[placed.bus])
+        ]
+        if len(own) != 1:
             seen = f"{row['node_id']:g}" + (f" of bus {bus}" if bus else "")
             faults.append(Fault(f"line {line}, node_id", seen, f"a patch of the arm{which}"))
-        elif force < 0.0:
+            continue
+        here, force = arm.tactels_of(own[0]), row.get("force_n", math.nan)
+        n = here.stop - here.start
+        readings, noise = (
+            np.array([row.get(f"{letter}{k + 1}", math.nan) for k in range(n)]) * arm.tactel_gain[here]
+            for letter in "pn"
+        )
+        if force < 0.0:
             wanted = "a positive number; 0 where nothing touches; or nothing"
             faults.append(Fault(f"line {line}, force_n", force, wanted))
         elif np.isnan(readings).all():
-            faults.append(Fault(f"line {line}", "no reading", f"some of {kind}1 to {kind}{n}"))
-        is_single = kind == "c" and bool((np.isnan(readings) | (readings == np.rint(readings))).all())
-        if kind == "c":
-            readings, scale = readings - arm.tactel_offset[here], scale * arm.patches[p].patch.transducer.step
+            faults.append(Fault(f"line {line}", "no reading", f"some of p1 to p{n}"))
         s, a = 1e-3 * row["s_mm"], 1e-3 * row["a_mm"]
-        presses.append(Press(p, s, a, force, readings * scale, line, np.abs(noise) * scale, is_single))
-    forces = np.array([press.force for press in presses if press.force != 0.0])
-    if 0 < (unknown := int(np.isnan(forces).sum())) < len(forces):
-        seen = f"empty in {unknown} of {len(forces)} presses"
+        presses.append(Press(own[0], s, a, force, readings, line, np.abs(noise)))
+    touching = [press for press in presses if press.force != 0.0]
+    if 0 < (unknown := sum(math.isnan(press.force) for press in touching)) < len(touching):
+        seen = f"empty in {unknown} of {len(touching)} presses"
         faults.append(Fault("force_n", seen, "all of them, or none if it is the same in all"))
-    if not (len(forces) or faults):
+    if not (touching or faults):
         faults.append(Fault("file", None, "presses"))
     if faults:
         raise ConfigError(str(path), faults)
     for p in {press.patch for press in presses if press.force == 0.0}:
-        own = [press for press in presses if press.patch == p]
-        zero, _ = mean_and_noise(np.array([press.readings for press in own if press.force == 0.0]))
-        for press in own:
-            press.readings[:] -= np.nan_to_num(zero)
-    return [press for press in presses if press.force != 0.0]
+        own_zeros = [press.readings for press in presses if press.patch == p and press.force == 0.0]
+        zero, _ = mean_and_noise(np.array(own_zeros))
+        for press in touching:
+            press.readings[:] -= np.nan_to_num(zero) * (press.patch == p)
+    return touching
 
 
 def read_columns(
@@ -103,7 +108,7 @@ def read_columns(
         ConfigError: the columns of no choice are there, or values are no numbers, all faults.
     """
     names, rows, faults = _read(path, choices, " or ".join(map(", ".join, choices)), optional)
-    columns = {name: np.array([row[name] for _, row, _ in rows]) for name in names}
+    columns = {name: np.array([row.numbers[name] for row in rows]) for name in names}
     fewest = FEWEST if "t_s" in columns else 1
     if not faults and len(rows) < fewest:
         faults.append(Fault("file", f"{len(rows)} lines", f"{fewest} at least"))
@@ -117,31 +122,27 @@ def read_columns(
 def columns_of(arm: Arm) -> list[str]:
     """Return the columns of a table of presses on an arm."""
     numbers = range(1, 1 + max(placed.patch.n_tactels for placed in arm.patches))
-    return ["bus", *PLACE, "force_n", *(f"{letter}{k}" for letter in "pn" for k in numbers)]
+    return ["bus", *PRESSES[:3], "force_n", *(f"{letter}{k}" for letter in "pn" for k in numbers)]
 
 
 def write_presses(path: Path, arm: Arm, presses: Sequence[Press]) -> None:
     """Write a table of presses whole: a loss of power leaves the file as it was."""
-    most = max(placed.patch.n_tactels for placed in arm.patches)
     with whole_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
-        table = csv.writer(file)
-        table.writerow(columns_of(arm))
+        table = csv.DictWriter(file, columns_of(arm), restval="")
+        table.writeheader()
         for press in presses:
             placed, gain = arm.patches[press.patch], arm.tactel_gain[arm.tactels_of(press.patch)]
-            values = np.full((2, most), np.nan)
-            values[0, : len(gain)] = press.readings / gain
-            values[1, : len(gain)] = np.nan if press.noise is None else press.noise / gain
-            cells = (placed.node_id, 1e3 * press.s, 1e3 * press.a, press.force, *values.flat)
-            table.writerow(
-                [arm.buses[placed.bus].name, *("" if math.isnan(x) else f"{x:.6g}" for x in cells)]
-            )
+            noise = np.nan if press.noise is None else press.noise
+            numbers = dict(zip(PRESSES, (placed.node_id, 1e3 * press.s, 1e3 * press.a), strict=False))
+            numbers["force_n"] = press.force
+            for letter, values in (("p", press.readings / gain), ("n", noise / gain)):
+                numbers |= {f"{letter}{k}": value for k, value in enumerate(values.tolist(), 1)}
+            cells = {name: f"{x:.6g}" for name, x in numbers.items() if not math.isnan(x)}
+            table.writerow({"bus": arm.buses[placed.bus].name, **cells})
 
 
 def _read(
-    path: Path,
-    choices: Sequence[Sequence[str]],
-    wanted: str,
-    optional: Sequence[str],
+    path: Path, choices: Sequence[Sequence[str]], wanted: str, optional: Sequence[str]
 ) -> tuple[list[str], list[Row], FaultList]:
     """Return the names of columns, the rows without fault, and the faults of the others."""
     text = read_bytes(path, MAX_BYTES).decode("utf-8-sig", errors="replace")
@@ -151,19 +152,21 @@ def _read(
         names = [name.strip() for name in next(filter(None, reader), [])]
         if wrong := header_faults(names, choices, wanted, optional):
             raise ConfigError(str(path), wrong)
-        needed = {*next(choice for choice in choices if set(choice) <= set(names))} - {"c1", "p1"}
+        needed = {*next(choice for choice in choices if set(choice) <= set(names))} - {"p1"}
         for row in filter(None, reader):
-            key, cells = f"line {reader.line_num}", dict(zip(names, map(str.strip, row), strict=False))
+            line, cells = reader.line_num, dict(zip(names, map(str.strip, row), strict=False))
             numbers = {name: _number(cell) for name, cell in cells.items()}
             wrong = [
-                Fault(f"{key}, {name}", cell or None, f"a number, at most {MOST:g}")
+                Fault(f"line {line}, {name}", cell or None, f"a number, at most {MOST:g}")
                 for name, cell in cells.items()
                 if (name in needed or (cell and OPTIONAL.fullmatch(name))) and not abs(numbers[name]) <= MOST
             ]
             if len(row) != len(names):
-                wrong.append(Fault(key, f"{len(row)} values", f"{len(names)} values, as in line 1"))
+                wrong.append(
+                    Fault(f"line {line}", f"{len(row)} values", f"{len(names)} values, as in line 1")
+                )
             if not wrong:
-                rows.append((reader.line_num, numbers, cells.get("bus", "")))
+                rows.append(Row(line, numbers, cells.get("bus", "")))
             faults += wrong
     except csv.Error as error:
         fault = Fault(f"line {reader.line_num}", None, f"a line of a table: {error}")

@@ -6,18 +6,11 @@ from collections.abc import Iterator
 from struct import Struct
 from typing import Final, NamedTuple
 
-from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.master.level_control import CycleFlags, split_flags
-from skinbus.objects import cia, profile
+from skinbus.objects import profile
 from skinbus.objects.contacts import FORCE_STEP, LENGTH_STEP, ContactState
 from skinbus.objects.published import usual
-
-LIFT_SHOWN_NS = 500_000_000
-"""A contact that has gone stays in the list this long: a person can read it."""
-
-STALE_NS = 1_000_000_000
-"""A master that has said nothing for so long is gone, and what it said is no longer shown."""
 
 _PAYLOAD: Final = Struct("<BBhhH")
 """A contact: id, link and state, s, a, force."""
@@ -41,11 +34,9 @@ class Summary(NamedTuple):
 
     counter: int
     n_contacts: int
-    alive: int
     flags: CycleFlags
     level: str | None
     """None where the master does not say."""
-    compute_us: int
     latency_us: int
     t_ns: int
 
@@ -59,24 +50,20 @@ class Heard(NamedTuple):
 
 
 class Listener:
-    """Gathers the cycles of a master; ``rows`` and ``summary`` hold what it said last."""
+    """Gathers the cycles of a master."""
 
     def __init__(self, node_id: int = profile.MASTER_NODE_ID) -> None:
         objects = usual(node_id)
         self._slot_of = {cob_id: slot for slot, cob_id in enumerate(objects.contact_ids)}
         self._summary_id = objects.summary.cob_id
-        self._heartbeat_id = cia.HEARTBEAT_BASE + node_id
-        self.cob_ids = frozenset(self._slot_of) | {self._summary_id, self._heartbeat_id}
+        self.cob_ids = frozenset(self._slot_of) | {self._summary_id}
         """Identifiers that it takes."""
-        self._rows: dict[int, ContactRow] = {}
         self._open: Summary | None = None
         self._came: dict[int, ContactRow] = {}
         """Contacts of the open cycle, and ..."""
         self._there: dict[int, ContactRow] = {}
         """... those that were there in the cycle before, by slot."""
-        self.summary: Summary | None = None
         self.n_summaries = 0
-        self.last_heard_ns = -NEVER
 
     def take(self, now_ns: int, frame: Frame) -> Iterator[Heard]:
         """Take a frame; return the cycles that it ends.
@@ -90,23 +77,10 @@ class Listener:
         elif frame.can_id == self._summary_id and len(frame.data) == 8:
             if self._open:
                 yield self._end_cycle(self._open)
-            self.summary = self._open = _summary(now_ns, frame.data)
+            self._open = _summary(now_ns, frame.data)
             self.n_summaries += 1
-        elif frame.can_id != self._heartbeat_id:
-            return
-        self.last_heard_ns = now_ns
         if self._open and self._is_complete(self._open):
             yield self._end_cycle(self._open)
-
-    def rows(self, now_ns: int) -> list[ContactRow]:
-        """Return the contacts shown now, by slot; none when the master has fallen silent."""
-        if now_ns - self.last_heard_ns > STALE_NS:
-            return []
-        return [
-            row
-            for _, row in sorted(self._rows.items())
-            if now_ns - row.t_ns < (LIFT_SHOWN_NS if row.state is ContactState.LIFT else STALE_NS)
-        ]
 
     def _is_complete(self, summary: Summary) -> bool:
         n_seen = sum(row.state in (ContactState.TOUCH, ContactState.HELD) for row in self._came.values())
@@ -125,12 +99,12 @@ class Listener:
         id, link_state, s, a, force = _PAYLOAD.unpack(data)
         if link_state >> 4 <= max(ContactState):  # states of another profile are left out
             state, place = ContactState(link_state >> 4), (s * LENGTH_STEP, a * LENGTH_STEP)
-            row = ContactRow(slot, id, link_state & 0xF, state, *place, force * FORCE_STEP, now_ns)
-            self._rows[slot] = row
             if self._open:
-                self._came[slot] = row
+                self._came[slot] = ContactRow(
+                    slot, id, link_state & 0xF, state, *place, force * FORCE_STEP, now_ns
+                )
 
 
 def _summary(now_ns: int, data: bytes) -> Summary:
-    compute_us, latency = int.from_bytes(data[4:6], "little"), int.from_bytes(data[6:8], "little")
-    return Summary(data[0], data[1], data[2], *split_flags(data[3]), compute_us, 10 * latency, now_ns)
+    latency_us = 10 * int.from_bytes(data[6:8], "little")
+    return Summary(data[0], data[1], *split_flags(data[3]), latency_us, now_ns)

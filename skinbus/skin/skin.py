@@ -45,6 +45,7 @@ class Skin:
         for cycle in skin            every cycle once, in order
         async for cycle in skin      the same beside other tasks
         skin.latest()                the newest cycle, at once
+        skin.get(0.1)                the next cycle, if it comes within so long
         skin.on("touch", f)          f(contact), once for each event
         skin.joints = q              joint positions now, for an arm with a robot
 
@@ -191,8 +192,12 @@ class Skin:
         """Take cycles, for their handlers, until the source ends or for so long; raises what has ended it."""
         end = time.monotonic() + seconds
         while not self._has_ended() and (left_s := end - time.monotonic()) > 0.0:
-            if cycle := self._feed.get(self._next, min(POLL_S, left_s)):
-                self._take(cycle)
+            self.get(min(POLL_S, left_s))
+
+    def get(self, seconds: float) -> Cycle | None:
+        """Return the next cycle, or None if none comes within so long; raises what has ended the source."""
+        cycle = None if self._has_ended() else self._feed.get(self._next, seconds)
+        return self._take(cycle) if cycle else None
 
     def close(self) -> None:
         """End the source; a second call does nothing."""
@@ -215,8 +220,8 @@ class Skin:
         Raises what has ended the source, if that is an error.
         """
         while not self._has_ended():
-            if cycle := self._feed.get(self._next, POLL_S):
-                return self._take(cycle)
+            if cycle := self.get(POLL_S):
+                return cycle
         raise StopIteration
 
     def __aiter__(self) -> AsyncIterator[Cycle]:

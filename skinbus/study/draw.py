@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import Any, Final
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
@@ -36,13 +36,6 @@ def save(figure: Figure, folder: Path, name: str) -> Path:
     """Write a figure as SVG into a folder; return the file."""
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / f"{name}.svg"
-    with file.open("w", encoding="utf-8") as out:
-        write_svg(figure, out)
-    return file
-
-
-def write_svg(figure: Figure, out: IO[str]) -> None:
-    """Write a figure as SVG."""
     for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
         low, high = axis.get_view_interval()
         if axis.get_scale() == "log" and high < 1000.0 * low:
@@ -51,4 +44,5 @@ def write_svg(figure: Figure, out: IO[str]) -> None:
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter(NullFormatter())
     with mpl.rc_context(_STYLE):
-        figure.savefig(out, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
+        figure.savefig(file, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
+    return file

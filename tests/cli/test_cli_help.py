@@ -88,7 +88,7 @@ def refused(monkeypatch, capfd):
         (("run", "forarm"), ("forarm", "forearm", "pad")),
         (("sim", "forarm"), ("forarm", "forearm")),
         (("run", "forearm", "--interface", "sockatcan"), ("sockatcan", "socketcan")),
-        (("monitor", "--interface", "sockatcan"), ("sockatcan", "socketcan")),
+        (("monitor", "pad", "--interface", "sockatcan"), ("sockatcan", "socketcan")),
         (("demo", "--level", "best"), ("best", "kmeans")),
         (("plan", "pad", "--json", "/no/such/folder/x.json"), ("/no/such/folder",)),
         (("run", "forearm", "--seconds", "-1"), ("--seconds", "x>0")),

@@ -2,6 +2,7 @@
 
 import io
 import re
+from types import SimpleNamespace
 
 import click
 import pytest
@@ -24,7 +25,6 @@ from skinbus.master.commissioning.scan import Found, Match
 from skinbus.master.patches.provisioning import Provision, Provisioned
 from skinbus.model import Arm, Link
 from skinbus.objects.contacts import ContactState
-from skinbus.skin.listener import ContactRow
 from skinbus.view.table import contact_table
 from tests.cli.processes import process
 
@@ -75,7 +75,8 @@ def named_arm(text):
 
 
 def row(text):
-    return contact_table([ContactRow(0, 1, 0, ContactState.HELD, 0.0, 0.0, 1.0, 0)], (text,))
+    held = SimpleNamespace(id=1, link=text, state=ContactState.HELD, s=0.0, a=0.0, force=1.0)
+    return contact_table([held])
 
 
 def found(text):

@@ -13,9 +13,6 @@ from skinbus.estimate.calibration.table import Press
 from skinbus.model import Arm
 from tests.two_buses import two_buses
 
-COUNTS = 160 * np.arange(16)
-NOISE = 10.0
-
 
 @pytest.fixture
 def arm():
@@ -24,30 +21,6 @@ def arm():
     (placed,) = pad.patches
     patch = replace(placed.patch, gain=np.linspace(0.8, 1.2, 16))
     return Arm(pad.name, pad.links, [replace(placed, patch=patch)], *pad.buses)
-
-
-def read(arm, path, columns, cells):
-    with path.open("w", newline="") as file:
-        csv.writer(file).writerows([["node_id", "s_mm", "a_mm", *columns], [1, 20.0, 3.0, *cells]])
-    (press,) = read_presses(arm, path)
-    return press
-
-
-READINGS = [f"{letter}{k + 1}" for letter in "pn" for k in range(16)]
-
-
-def test_counts_and_the_same_in_pascals_are_the_same_press_on_a_calibrated_board(arm, tmp_path):
-    step = arm.patches[0].patch.transducer.step
-    counted = read(
-        arm,
-        tmp_path / "c.csv",
-        [*(f"c{k + 1}" for k in range(16)), *(f"n{k + 1}" for k in range(16))],
-        [*COUNTS, *[NOISE] * 16],
-    )
-    measured = read(arm, tmp_path / "p.csv", READINGS, [*COUNTS * step, *[NOISE * step] * 16])
-    np.testing.assert_allclose(measured.readings, COUNTS * step * arm.tactel_gain)
-    np.testing.assert_allclose(measured.readings, counted.readings)
-    np.testing.assert_allclose(measured.noise, counted.noise)
 
 
 def test_what_is_written_before_and_read_after_a_calibration_does_not_change(arm, tmp_path):
@@ -62,9 +35,9 @@ def test_what_is_written_before_and_read_after_a_calibration_does_not_change(arm
     assert path.read_text() == text
 
 
-@pytest.mark.parametrize("column", ["c1", "n1"])
+@pytest.mark.parametrize("column", ["p1", "n1"])
 def test_a_reading_beyond_any_converter_is_a_fault_of_its_line(arm, tmp_path, column):
-    names = ["node_id", "s_mm", "a_mm", "force_n", *(f"{kind}{k + 1}" for kind in "cn" for k in range(16))]
+    names = ["node_id", "s_mm", "a_mm", "force_n", *(f"{kind}{k + 1}" for kind in "pn" for k in range(16))]
     values = ["1", "25", "0", "5", *["100"] * 16, *["1"] * 16]
     values[names.index(column)] = "1e308"
     path = tmp_path / "presses.csv"
@@ -76,8 +49,8 @@ def test_a_reading_beyond_any_converter_is_a_fault_of_its_line(arm, tmp_path, co
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
-        (["force_n", "force_n", "c1"], "is \"2 columns 'force_n'\"; wanted each column once"),
-        (["force_n", "c1", "x" * 200_000], "line 1: wanted a line of a table: field larger than"),
+        (["force_n", "force_n", "p1"], "is \"2 columns 'force_n'\"; wanted each column once"),
+        (["force_n", "p1", "x" * 200_000], "line 1: wanted a line of a table: field larger than"),
     ],
 )
 def test_columns_that_are_there_twice_or_without_end_are_faults(arm, tmp_path, columns, said):

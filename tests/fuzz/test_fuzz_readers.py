@@ -29,7 +29,7 @@ WORDS = [
     *(b"a." * 30, b"[" * 30, b"\n1,2,3,4,5,6"),
 ]
 COUNTS = [",".join(str(100 * press + k) for k in range(16)) for press in range(4)]
-PRESSES = "node_id,s_mm,a_mm,force_n," + ",".join(f"c{k + 1}" for k in range(16)) + ",bus\n"
+PRESSES = "node_id,s_mm,a_mm,force_n," + ",".join(f"p{k + 1}" for k in range(16)) + ",bus\n"
 PRESSES += "".join(
     f"1,{10 + n},{n},{0.5 * n},{counts},{('upper', 'lower')[n % 2]}\n" for n, counts in enumerate(COUNTS)
 )

@@ -30,7 +30,7 @@ def test_sim_run_and_monitor_on_can_fd(start, channel, tmp_path, eds, n):
     assert all(frame.flags == 0 for frame in frames if frame not in readings)
 
     def contacts():
-        monitor = start("monitor", "--channel", channel, "--seconds", "2", "--json-lines")
+        monitor = start("monitor", str(arm), "--channel", channel, "--seconds", "2", "--json-lines")
         out, _ = monitor.communicate(timeout=PATIENCE_S)
         assert monitor.returncode == 0, out
         lines = [line for line in out.splitlines() if line.startswith("{")]

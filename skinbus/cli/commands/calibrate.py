@@ -74,11 +74,10 @@ def command(
       force_n       force, N; 0 where nothing touches: what is read there is the zero.
                     Without it, or empty: not known, but the same in all presses;
                     forces of contacts are then in units of it
-      c1, c2, ...   readings as they are on the wire, one per tactel; empty: missing
-      p1, p2, ...   or the same in Pa, without the gains of the board
-      n1, n2, ...   standard deviation of a single reading, in the same unit, where readings are means
-                    over cycles. Without it the noise is at least what the board declares, but for
-                    whole counts, which are taken for single readings
+      p1, p2, ...   readings in Pa, one per tactel, without the gains of the board; empty: missing.
+                    A count is full scale / 32767 (8 bits: 127) Pa
+      n1, n2, ...   standard deviation of a single reading, Pa. Without it the noise is at least what
+                    the board declares
 
     Columns are divided by commas. Others, such as a time, are left alone. A hundred presses spread
     over a patch and half a pitch around it are plenty. A patch of the arm file takes its DCF as `eds`, a ring

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
 from skinbus.cli import output
 from skinbus.cli.console import WIDE, Console
 from skinbus.cli.options import Range, file_option
-from skinbus.cli.report import figures_wanted, write_page
+from skinbus.cli.output import figures_wanted
 
 if TYPE_CHECKING:
     from skinbus.planning.coverage import Coverage
@@ -25,7 +25,7 @@ TITLES: Final = (
     "link", "area_cm2", "on_boards_cm2", "blind_cm2", *COLUMNS, "bound_holds_pct",
 )  # fmt: skip
 NOTE: Final = (
-    "blind is what registers no touch of any force, the report shows where; forces and "
+    "blind is what registers no touch of any force, the figure shows where; forces and "
     "standard deviations are median and worst on the boards; level full reaches them where the bound holds"
 )
 
@@ -36,8 +36,8 @@ NOTE: Final = (
     "--force-n", "force", default=5.0, show_default=True, type=Range(0.01, 1000.0), help="Of the contact, N."
 )
 @click.option("--step-mm", default=2.0, show_default=True, type=Range(0.5, 20.0), help="Of the grid, mm.")
-@file_option("--report", callback=output.html, help="Write a report with the links unrolled (.html).")
-def command(arm: str, force: float, step_mm: float, report: Path | None) -> None:
+@file_option("--figure", callback=output.svg, help="Draw the links unrolled (.svg).")
+def command(arm: str, force: float, step_mm: float, figure: Path | None) -> None:
     """Compute what the skin of ARM (a name or a TOML file) feels where, before a board is ordered.
 
     \b
@@ -48,7 +48,7 @@ def command(arm: str, force: float, step_mm: float, report: Path | None) -> None
     \b
     Examples:
       skinbus plan coverage forearm
-      skinbus plan coverage my-arm.toml --report skin.html
+      skinbus plan coverage my-arm.toml --figure skin.svg
     """
     from skinbus.config.system import load_arm
     from skinbus.planning.coverage import cover
@@ -56,14 +56,12 @@ def command(arm: str, force: float, step_mm: float, report: Path | None) -> None
     console = Console(width=WIDE)
     with console.status("computing ..."):
         links = cover(load_arm(arm, check_load=False), force=force, step=1e-3 * step_mm)
-    table = [_row(link) for link in links]
-    console.table(TITLES, table)
+    console.table(TITLES, map(_row, links))
     console.print(f"{arm}: a contact of {force:g} N; {NOTE}")
-    if report:
+    if figure:
         with figures_wanted():
-            sections = [("", _figure(links)), ("", [TITLES, *table]), ("", NOTE)]
-        write_page(report, f"What the skin of {arm} feels", sections)
-        console.print(f"wrote {report}")
+            _draw(links, figure)
+        console.print(f"wrote {figure}")
 
 
 def _row(link: Coverage) -> tuple[str, ...]:
@@ -82,11 +80,11 @@ def _row(link: Coverage) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def _figure(links: list[Coverage]) -> Any:
+def _draw(links: list[Coverage], file: Path) -> None:
     """Draw the links unrolled."""
     import numpy as np
 
-    from skinbus.study.draw import new_figure
+    from skinbus.study.draw import new_figure, save
 
     figure, panels = new_figure(len(COLUMNS), len(links), width=4.5)
     for link, panel in zip(links, panels, strict=True):
@@ -97,4 +95,4 @@ def _figure(links: list[Coverage]) -> Any:
             picture = axes.imshow(values, norm="log", aspect="equal", origin="lower", extent=extent)
             figure.colorbar(picture, ax=axes, label=name)
             axes.set(title=link.link, xlabel="a (mm)", ylabel="s (mm)")
-    return figure
+    save(figure, file.parent, file.stem)

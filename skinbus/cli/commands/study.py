@@ -9,12 +9,22 @@ import click
 
 from skinbus.cli import output
 from skinbus.cli.console import Console
-from skinbus.cli.options import file_option
-from skinbus.cli.output import echo
+from skinbus.cli.output import figures_wanted
 from skinbus.cli.progress import progress
-from skinbus.cli.report import figures_wanted, write_page
 
-folder_type = click.Path(file_okay=False, path_type=Path)
+
+def _out(name: str) -> Any:
+    """Return --out, a folder."""
+    kind = click.Path(file_okay=False, path_type=Path)
+    return click.option(
+        "--out",
+        "folder",
+        default=name,
+        show_default=True,
+        type=kind,
+        callback=output.folder,
+        help="Folder for figures (SVG) and tables (CSV).",
+    )
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -29,25 +39,11 @@ def command() -> None:
 
 @command.command()
 @click.argument("arms", metavar="[ARM]...", nargs=-1)
-@file_option(
-    "--out", default="accuracy.html", show_default=True, callback=output.html, help="The report to write."
-)
+@_out("study-arm")
 @click.option(
     "--trials", type=click.IntRange(min=20), default=400, show_default=True, help="Cycles of each point."
 )
-@click.option(
-    "--figures",
-    "folder",
-    type=folder_type,
-    callback=output.folder,
-    help="Also write accuracy.csv and a figure for each arm (SVG) here.",
-)
-def arm(
-    arms: tuple[str, ...],
-    out: Path,
-    trials: int,
-    folder: Path | None,
-) -> None:
+def arm(arms: tuple[str, ...], folder: Path, trials: int) -> None:
     """Measure error against time for each ARM (a name or a TOML file; forearm), and say which level to run.
 
     Points are the levels with readings of 8 and 16 bits, on a calibrated skin pushed straight and on one as
@@ -55,9 +51,8 @@ def arm(
     `skinbus plan` computes. Differences below the scatter are ties, and the cheaper level wins them.
 
     \b
-    Examples:
-      skinbus study arm my-arm.toml
-      skinbus study arm --figures figures
+    Example:
+      skinbus study arm my-arm.toml --out my-arm
     """
     from skinbus.config.system import load_arm
     from skinbus.study import arm_study
@@ -67,40 +62,18 @@ def arm(
         from skinbus.study.draw import save
 
     loaded = [load_arm(name, check_load=False) for name in arms or ("forearm",)]
-    names = ", ".join(arm.name for arm in loaded)
-    about = (
-        f"{trials} cycles for each point. Fingertips of 10 to 15 mm press 2 to 12 N anywhere on "
-        "the boards; the simulated layer is elastic. The error of a cycle is that of its worst touch; "
-        "a wrong count is an error of a pitch at least."
-    )
-    points: list[Any] = []
-    shown: list[tuple[str, Any]] = [("", about)]
-    with progress(Console(), "points", len(loaded) * arm_study.N_POINTS) as done:
+    console, points = Console(), list[arm_study.Point]()
+    with progress(console, "points", len(loaded) * arm_study.N_POINTS) as done:
         for one in loaded:
-            own = arm_study.measure_arm(one, trials=trials, done=done)
-            figure = arm_study.draw_arm(own)
-            shown.append((one.name, figure))
-            if folder:
-                save(figure, folder, f"accuracy-{one.name.replace(' ', '-')}")
-            points += own
-    rows = arm_study.table(points)
-    shown.append(("Which level to run", [arm_study.TITLES, *rows]))
-    write_page(out, f"What accuracy costs in time: {names}", shown)
-    if folder:
-        write_table(folder / "accuracy.csv", points)
-    echo(f"{out}: {len(points)} points of {names}")
+            points += (own := arm_study.measure_arm(one, trials=trials, done=done))
+            save(arm_study.draw_arm(own), folder, f"accuracy-{one.name.replace(' ', '-')}")
+    write_table(folder / "accuracy.csv", points)
+    console.table(arm_study.TITLES, arm_study.table(points))
+    console.print(f"{len(points)} points in {folder}")
 
 
 @command.command()
-@click.option(
-    "--out",
-    "folder",
-    default="study-paper",
-    show_default=True,
-    type=folder_type,
-    callback=output.folder,
-    help="Folder for figures (SVG) and tables (CSV).",
-)
+@_out("study-paper")
 @click.option(
     "--trials",
     default=400,

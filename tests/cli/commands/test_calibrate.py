@@ -33,6 +33,8 @@ node_id = 4
 link = "plate"
 s_mm = 76.0
 """
+READINGS = [f"{letter}{k + 1}" for letter in "pn" for k in range(16)]
+NOISE = 50.0
 LAW = Radial(400e-6, 13000.0 * np.exp(-((np.arange(64) / 20.0) ** 2)), 0.9)
 
 
@@ -50,7 +52,7 @@ def write_presses(path, arm, *, zero=0, n=130, around=None):
     step = arm.patches[0].patch.transducer.step
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(["t", "node_id", "s_mm", "a_mm", "force_n", *(f"c{k + 1}" for k in range(16))])
+        writer.writerow(["t", "node_id", "s_mm", "a_mm", "force_n", *READINGS])
         for k in range(n):
             s, a = rng.uniform(0.0, 0.101), rng.uniform(-0.03, 0.03)
             if around:
@@ -58,10 +60,10 @@ def write_presses(path, arm, *, zero=0, n=130, around=None):
             newton = 0.0 if zero and k < 10 else rng.uniform(2.0, 10.0)
             d = arm.links[0].surface.distance(arm.tactel_s, arm.tactel_a, s, a)
             p = LAW.pressure(d, newton) / gain if newton else np.zeros(arm.n_tactels)
-            counts = np.rint((p + 50.0 * rng.standard_normal(arm.n_tactels)) / step).astype(int) + zero
+            counts = np.rint((p + NOISE * rng.standard_normal(arm.n_tactels)) / step) + zero
             for patch in range(2):
-                row = counts[arm.tactels_of(patch)].tolist()
-                writer.writerow([0.1 * k, 3 + patch, 1e3 * s, 1e3 * a, f"{newton:.4f}", *row])
+                row = (step * counts[arm.tactels_of(patch)]).tolist()
+                writer.writerow([0.1 * k, 3 + patch, 1e3 * s, 1e3 * a, f"{newton:.4f}", *row, *[NOISE] * 16])
     return gain
 
 
@@ -85,7 +87,7 @@ def test_presses_become_files_that_an_arm_file_takes(arm_file, tmp_path):
         assert profile_error(patch.law) < 0.02
         assert patch.law.exponent == pytest.approx(0.9, abs=0.01)
         np.testing.assert_allclose(patch.gain / gain.mean(), own / gain.mean() ** 2, rtol=0.01)
-        assert np.median(patch.noise) == pytest.approx(50.0, rel=0.15)
+        assert np.median(patch.noise) == pytest.approx(NOISE, rel=0.15)
     arm_file.write_text(ARM.format(three="mine-3.dcf"))
     assert isinstance(load_arm(arm_file).patches[0].patch.law, Radial)
 
@@ -93,7 +95,7 @@ def test_presses_become_files_that_an_arm_file_takes(arm_file, tmp_path):
 def test_every_fault_of_a_file_is_said_at_once_and_nothing_is_written(arm_file, tmp_path):
     path = tmp_path / "presses.csv"
     path.write_text(
-        "node_id,s_mm,a_mm,force_n,c1,c2\n"
+        "node_id,s_mm,a_mm,force_n,p1,p2\n"
         "3,10,zero,5,100,200\n"
         "9,10,0,5,100,200\n"
         "3,,0,1,100,200\n"
@@ -112,10 +114,10 @@ def test_every_fault_of_a_file_is_said_at_once_and_nothing_is_written(arm_file, 
         "line 3, node_id: is '9'; wanted a patch of the arm",
         "line 4, s_mm: wanted a number",
         "line 10, force_n: is -1.0; wanted a positive number",
-        "line 5, c1: is '1O0'; wanted a number",
-        "line 6: is 'no reading'; wanted some of c1 to c16",
+        "line 5, p1: is '1O0'; wanted a number",
+        "line 6: is 'no reading'; wanted some of p1 to p16",
         "line 7: is '7 values'; wanted 6 values, as in line 1",
-        "force_n: is 'empty in 1 of 5 presses'",
+        "force_n: is 'empty in 1 of 4 presses'",
     ):
         assert words in said, said
     assert not list(tmp_path.glob("*.dcf"))
@@ -125,15 +127,15 @@ def test_every_fault_of_a_file_is_said_at_once_and_nothing_is_written(arm_file, 
     ("text", "words"),
     [
         ("", "columns node_id, s_mm, a_mm"),
-        ("node_id,s_mm,force_n\n", "missing: a_mm, c1"),
+        ("node_id,s_mm,force_n\n", "missing: a_mm, p1"),
         (
             "Node,s [mm],a,F,P1\n",
             "missing: node_id (is it 'Node'?), s_mm (is it 's [mm]'?), a_mm (is it 'a'?), p1 (is it 'P1'?)",
         ),
-        ("node_id,s_mm,a_mm,force,c1\n", "is 'force'; wanted column 'force_n', or another name"),
-        ("node_id,s_mm,a_mm,c1\n", "wanted presses"),
-        ("node_id;s_mm;a_mm;c1\n3;10,5;0;5\n", "divided by ';'\"; wanted commas between columns"),
-        ("node_id\ts_mm\ta_mm\tc1\n", "wanted commas between columns"),
+        ("node_id,s_mm,a_mm,force,p1\n", "is 'force'; wanted column 'force_n', or another name"),
+        ("node_id,s_mm,a_mm,p1\n", "wanted presses"),
+        ("node_id;s_mm;a_mm;p1\n3;10,5;0;5\n", "divided by ';'\"; wanted commas between columns"),
+        ("node_id\ts_mm\ta_mm\tp1\n", "wanted commas between columns"),
     ],
 )
 def test_file_that_cannot_be_learned_from_says_why(arm_file, tmp_path, text, words):

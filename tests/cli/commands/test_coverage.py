@@ -1,4 +1,4 @@
-"""`skinbus plan coverage`: table and report of an arm."""
+"""`skinbus plan coverage`: table and figure of an arm."""
 
 import pytest
 from click.testing import CliRunner
@@ -7,9 +7,9 @@ from skinbus.cli import group
 
 
 @pytest.mark.slow
-def test_an_arm_is_shown_by_link_and_on_a_page(tmp_path):
-    page = tmp_path / "c.html"
-    words = ["plan", "coverage", "arm", "--step-mm", "5", "--report", str(page)]
+def test_an_arm_is_shown_by_link_and_in_a_figure(tmp_path):
+    figure = tmp_path / "c.svg"
+    words = ["plan", "coverage", "arm", "--step-mm", "5", "--figure", str(figure)]
     result = CliRunner().invoke(group, words)
     assert result.exit_code == 0, result.output
     titles, *rows = (line.split("  ") for line in result.output.splitlines()[:3])
@@ -20,4 +20,4 @@ def test_an_arm_is_shown_by_link_and_on_a_page(tmp_path):
         for name in ("least_force_n", "sd_place_mm"):
             assert float(row[name].split(", ")[0]) < 1.0
         assert 0.0 < float(row["bound_holds_pct"]) <= 100.0
-    assert "<svg" in page.read_text()
+    assert "<svg" in figure.read_text()

@@ -128,7 +128,7 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
     wait_until(lambda: [states[node_id].raw for node_id in (1, 24, 25)] == [4, 4, 0])
 
     def seen_by_monitor():
-        monitor = skinbus("monitor", *bus, "--seconds", "2", "--json-lines")
+        monitor = skinbus("monitor", arm, *bus, "--seconds", "2", "--json-lines")
         out, err = monitor.communicate(timeout=PATIENCE_S)
         assert monitor.returncode == 0, err
         return [seen for line in out.splitlines() for seen in json.loads(line)["contacts"]]
@@ -167,7 +167,8 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
 
 @pytest.mark.slow
 def test_monitor_without_a_master_is_status_1_and_says_so(skinbus, group):
-    monitor = skinbus("monitor", "--interface", "udp_multicast", "--channel", group, "--seconds", "0.3")
+    bus = ("--interface", "udp_multicast", "--channel", group)
+    monitor = skinbus("monitor", "pad", *bus, "--seconds", "0.3")
     _, err = monitor.communicate(timeout=PATIENCE_S)
     assert monitor.returncode == 1
     assert "nothing of a master was received" in err
