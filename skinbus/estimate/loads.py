@@ -16,10 +16,10 @@ common, and the error of the sum itself, a share of the force of each press::
 
 1 / c is the number of touched tactels that carry the press and u how uneven the cells of their board are: a
 sum over few tactels depends on where between them the press is. H is the force that reaches the threshold of
-a tactel from the farthest place of its cell, weighted by F_j^2: so much may press a gap and show little. On
-4 x 4 tactels, 10 mm apart on boards of 50 mm, the deviation is about 60 % for a tip of 2 mm, 25 % for a thumb
-and 7 % for a palm; on 8 x 8 it is 8 %, 3 % and 2 %. A tactel that is missing counts as the mean of its
-neighbours, with that mean as its deviation.
+a tactel from the farthest place of its cell: so much may press a gap and show little. u and H are means
+weighted by F_j^2. On 4 x 4 tactels, 10 mm apart on boards of 50 mm, the deviation is about 60 % for a tip of
+2 mm, 25 % for a thumb and 7 % for a palm; on 8 x 8 it is 8 %, 3 % and 2 %. A tactel that is missing counts as
+the mean of its neighbours, with that mean as its deviation.
 
 Limits: pressures below every threshold are no load; a narrow press in a gap that tactels barely feel is
 underestimated, beyond the deviation if its force is large; what hangs over the rim of the skin is not felt.
@@ -33,6 +33,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from skinbus.estimate.baseline import Baseline
@@ -112,36 +113,34 @@ class LoadMeter:
 
     def __init__(self, arm: Arm) -> None:
         check_arm(arm)
-        self.arm = arm
-        self._variance = arm.tactel_noise**2 + step_of(arm) ** 2 / 12.0
-        self._limit, patch, start = np.asarray(limit_of(arm)), arm.tactel_patch, arm.patch_start[:-1]
-        (self._cell, far), share, felt = _cells(arm), np.ones(arm.n_patches), np.zeros(arm.n_tactels)
+        self.arm, n = arm, arm.n_tactels
+        self._variance, self._limit = arm.tactel_noise**2 + step_of(arm) ** 2 / 12.0, limit_of(arm)
+        self._cell, self._uneven, self._hidden, self.areas = np.zeros((4, n))
+        """The last, m^2, is by what a pressure is multiplied."""
+        self._near, self._next = np.zeros((2, n, n), np.bool_)
         d = np.linspace(0.0, REACH, 200)
         for p, placed in enumerate(arm.patches):
-            law, here = placed.patch.law, arm.tactels_of(p)
-            share[p] = float(np.trapezoid(2.0 * np.pi * d * law.pressure(d, USUAL_N), d)) / USUAL_N
-            felt[here] = law.pressure(far[here], USUAL_N) / USUAL_N
-        self.areas = self._cell / np.where(share > 0.0, share, 1.0)[patch]
-        """(n_tactels,) m^2, by which a pressure is multiplied."""
-        self._hidden = arm.tactel_threshold / np.maximum(felt, arm.tactel_threshold / HIDDEN_MOST)
-        self._uneven = np.maximum.reduceat(self._cell, start) / np.minimum.reduceat(self._cell, start) - 1.0
-        away, side = np.full((arm.n_tactels, arm.n_tactels), np.inf), np.sqrt(self._cell)
-        for k in range(len(arm.links)):
+            law, least, here = placed.patch.law, placed.patch.threshold, arm.tactels_of(p)
+            cell, far = _cells(arm, p)
+            share = float(np.trapezoid(2.0 * np.pi * d * law.pressure(d, USUAL_N), d)) / USUAL_N
+            felt = law.pressure(far, USUAL_N) / USUAL_N
+            self._cell[here], self._uneven[here] = cell, cell.max() / cell.min() - 1.0
+            self._hidden[here] = least / np.maximum(felt, least / HIDDEN_MOST)
+            self.areas[here] = cell / (share if share > 0.0 else 1.0)
+        for k, link in enumerate(arm.links):
             (i,) = np.nonzero(arm.tactel_link == k)
-            away[np.ix_(i, i)] = arm.links[k].surface.distance(
-                arm.tactel_s[i, None], arm.tactel_a[i, None], arm.tactel_s[i], arm.tactel_a[i]
-            )
-        self._near = away <= REACH
-        self._next = (away <= 0.5 * NEXT * (side[:, None] + side)) & ~np.eye(arm.n_tactels, dtype=np.bool_)
-        self._root = np.arange(arm.n_patches)
-        none = np.zeros(arm.n_tactels, np.bool_)
-        self._nothing = self._sum(np.zeros(arm.n_tactels), none, ~none, None)
+            s, a, side = arm.tactel_s[i], arm.tactel_a[i], np.sqrt(self._cell[i])
+            away = link.surface.distance(s[:, None], a[:, None], s, a)
+            self._near[np.ix_(i, i)] = away <= REACH
+            self._next[np.ix_(i, i)] = away <= 0.5 * NEXT * (side[:, None] + side)
+        none = np.zeros(n, np.bool_)
+        self._nothing = self._sum(np.zeros(n), none, ~none, None)
 
     def measure(
         self,
         pressures: Floats,
         touched: npt.ArrayLike,
-        valid: npt.ArrayLike | None = None,
+        fresh: npt.ArrayLike | None = None,
         *,
         baseline: Baseline | None = None,
     ) -> Loads:
@@ -149,7 +148,7 @@ class LoadMeter:
 
         pressures: (n_tactels,) Pa, less the zeros; what is not finite is missing.
         touched:   (n_tactels,) not zero where something presses.
-        valid:     (n_patches,) or (n_tactels,) False where a reading is missing; None for all there.
+        fresh:     (n_patches,) False where readings are missing; None for all there.
         baseline:  the one that has subtracted the zeros: their uncertainty is part of that of a load.
 
         Raises:
@@ -158,22 +157,19 @@ class LoadMeter:
         arm, shape = self.arm, (self.arm.n_tactels,)
         if np.shape(pressures) != shape or np.shape(touched) != shape:
             raise ValueError(f"pressures and touched must have shape {shape}")
-        flags = np.asarray(True if valid is None else valid, np.bool_)
-        if flags.shape == (arm.n_patches,) != shape:
-            flags = flags[arm.tactel_patch]
-        if flags.shape not in ((), shape):
-            raise ValueError(f"valid must have shape ({arm.n_patches},) or {shape}")
-        read = np.isfinite(pressures) & flags
+        flags = np.ones(arm.n_patches, np.bool_) if fresh is None else np.asarray(fresh, np.bool_)
+        if flags.shape != (arm.n_patches,):
+            raise ValueError(f"fresh must have shape ({arm.n_patches},), got {flags.shape}")
+        read = np.isfinite(pressures) & flags[arm.tactel_patch]
         is_touched = (np.asarray(touched) != 0) & read & arm.tactel_healthy
         if read.all() and not is_touched.any():
-            self._root = np.arange(arm.n_patches)
             return self._nothing
         return self._sum(pressures, is_touched, read & arm.tactel_healthy, baseline)
 
     def _sum(self, pressures: Floats, touched: Bools, read: Bools, baseline: Baseline | None) -> Loads:
         arm, n, m = self.arm, self.arm.n_patches, len(self.arm.links)
-        patch, link = arm.tactel_patch, arm.tactel_link
-        counts = np.asarray(self._near[touched].any(axis=0))
+        patch, link, of_link = arm.tactel_patch, arm.tactel_link, arm.patch_link
+        counts = self._near[touched].any(axis=0)
         value, variance, limit = np.where(read, pressures, 0.0), self._variance, self._limit
         common, creep = np.zeros(n), np.zeros(arm.n_tactels)
         if baseline is not None:
@@ -181,129 +177,104 @@ class LoadMeter:
             variance = np.maximum(variance, felt.variance + felt.doubt)
             limit, common, creep = limit - felt.zero, felt.common, felt.creep
         full = read & counts & (value >= limit) & (limit > 0.0)
-        at_least = (_sums(patch, read, n) == 0.0) | (_sums(patch, full, n) > 0.0)
         missing = np.flatnonzero(counts & ~read)
         if len(missing):
             beside = self._next[missing] & read
             value[missing] = beside @ value / np.maximum(beside.sum(axis=1), 1)
             variance = np.where(read, variance, value**2)
 
-        area = np.where(counts, self.areas, 0.0)
+        area, pressed = np.where(counts, self.areas, 0.0), self._cell * touched
         force, noise = area * value, area * area * variance
-        of_patch = _sums(patch, force, n)
-        noise_of_patch = _sums(patch, noise, n) + _sums(patch, area * creep, n) ** 2
-        noise_of_patch += common * _sums(patch, area, n) ** 2
-        root = self._root = self._join(touched)
-        press = _sums(root, of_patch, n)
-        carried2, force2 = (force * touched) ** 2, press**2 + 1e-24
-        sum2 = _sums(root[patch], carried2, n)
-        hidden = _sums(root[patch], carried2 * self._hidden, n) / np.maximum(sum2, 1e-12)
-        share2 = SPREAD**2 + (sum2 / force2 * self._uneven[root]) ** 2 + hidden**2 / (3.0 * force2)
+        # boards that one press may reach
+        together, (one, other) = np.zeros((n, n), np.bool_), np.nonzero(self._near[touched])
+        together[patch[touched][one], patch[other]] = True
+        press = connected_components(together, directed=False)[1]
+        link_of = np.zeros(n, np.intp)
+        link_of[press] = of_link
 
-        pressed = self._cell * touched
-        patches = LoadRows(
-            force=of_patch,
-            force_sd=np.sqrt(noise_of_patch + share2[root] * of_patch**2),
-            area=_sums(patch, pressed, n),
+        of_patch, total = _sums(patch, force, n), _sums(link, force, m)
+        carried2, force2 = (force * touched) ** 2, _sums(press, of_patch, n) ** 2 + 1e-24
+        uneven, hidden, all2 = (
+            _sums(press[patch], carried2 * x, n) for x in (self._uneven, self._hidden, 1.0)
         )
-        border = np.asarray((self._next[touched] & ~touched).any(axis=1))
-        by_press = _sums(arm.patch_link, share2 * press**2, m)
-        of_link, variance = (
-            _sums(link, force, m),
-            _sums(arm.patch_link, noise_of_patch, m) + by_press,
-        )
-        s, a, place_sd = np.zeros(m), np.zeros(m), np.full(m, np.inf)
-        place_sd[_sums(link, counts, m) == 0.0] = 0.0
-        for k in np.flatnonzero(of_link > 0.0).tolist():
+        share2 = SPREAD**2 + (uneven / force2) ** 2 + (hidden / (all2 + 1e-24)) ** 2 / (3.0 * force2)
+        own = _sums(patch, noise, n) + _sums(patch, area * creep, n) ** 2
+        own += common * _sums(patch, area, n) ** 2
+        by_press = _sums(link_of, share2 * force2, m)
+        variance_of_link = _sums(of_link, own, m) + by_press
+        s, a, place_sd = np.zeros((3, m))
+        for k in np.flatnonzero(total > 0.0).tolist():
             (i,) = np.nonzero(counts & (link == k))
-            top, weight, wrap = i[force[i].argmax()], force[i] / of_link[k], arm.links[k].surface.wrap
+            top, weight, wrap = i[force[i].argmax()], force[i] / total[k], arm.links[k].surface.wrap
             x, y = arm.tactel_s[i] - arm.tactel_s[top], wrap(arm.tactel_a[i] - arm.tactel_a[top])
             s[k], a[k] = arm.tactel_s[top] + weight @ x, wrap(arm.tactel_a[top] + weight @ y)
             away2 = (x - weight @ x) ** 2 + (y - weight @ y) ** 2
-            spacing2 = 0.25 * self._cell[patch == patch[top]].mean()
-            own = 0.5 * noise[i] @ away2 + by_press[k] * (spacing2 + max(weight @ away2, 0.0))
-            place_sd[k] = math.sqrt(own) / of_link[k]
-        links = LinkLoads(
-            force=of_link,
-            force_sd=np.sqrt(variance),
-            area=_sums(link, pressed, m),
-            s=s,
-            a=a,
-            place_sd=place_sd,
-        )
+            spread2 = 0.25 * self._cell[top] + max(weight @ away2, 0.0)
+            place_sd[k] = math.sqrt(0.5 * noise[i] @ away2 + by_press[k] * spread2) / total[k]
+        border = (self._next[touched] & ~touched).any(axis=1)
         return Loads(
-            patches=patches,
-            links=links,
-            force=float(of_link.sum()),
-            force_sd=math.sqrt(variance.sum()),
+            patches=LoadRows(
+                force=of_patch,
+                force_sd=np.sqrt(own + share2[press] * of_patch**2),
+                area=_sums(patch, pressed, n),
+            ),
+            links=LinkLoads(
+                force=total,
+                force_sd=np.sqrt(variance_of_link),
+                area=_sums(link, pressed, m),
+                s=s,
+                a=a,
+                place_sd=place_sd,
+            ),
+            force=float(total.sum()),
+            force_sd=math.sqrt(variance_of_link.sum()),
             area=float(pressed.sum()),
             area_sd=math.sqrt(BORDER * (border * self._cell[touched] ** 2).sum()),
-            at_least=at_least,
+            at_least=(_sums(patch, read, n) == 0.0) | (_sums(patch, full, n) > 0.0),
         )
 
-    def _join(self, touched: Bools) -> Ints:
-        """Return for each patch the first one that the same press may reach, (n_patches,)."""
-        patch, n = self.arm.tactel_patch, self.arm.n_patches
-        together = np.eye(n, dtype=np.bool_)
-        one, other = np.nonzero(self._near[touched])
-        one = np.flatnonzero(touched)[one]
-        together[patch[one], patch[other]] = together[patch[other], patch[one]] = True
-        root = np.arange(n)
-        while True:
-            lower = np.where(together, root, n).min(axis=1)
-            if np.array_equal(lower, root):
-                return root
-            root = lower
-
     def flag_extended(self, contacts: Contacts, loads: Loads) -> None:
-        """Set EXTENDED on contacts whose forces do not add up to the load, in place.
+        """Set EXTENDED on the contacts of links whose forces do not add up to the load, in place.
 
-        ``loads`` are those measured last. Summed is over patches that one press may reach, where all contacts
-        have a standard deviation: level ``kmeans`` has none. That of a contact that misfits is no excuse.
+        Nothing is said where a contact has no standard deviation, as at level ``kmeans``, nor of a load that
+        may be larger, up to the forces. The deviation of a contact that misfits is no excuse.
         """
-        if not len(contacts):
-            return
-        n, root = self.arm.n_patches, self._root
-        press = root[contacts.patch]
-        variance = contacts.covariance[:, 2, 2]
-        unknown = np.bincount(press, variance <= 0.0, n) + np.bincount(root, loads.at_least, n)
-        missing = np.bincount(root, loads.patches.force, n) - np.bincount(press, contacts.force, n)
+        link, m, variance = contacts.link, len(self.arm.links), contacts.covariance[:, 2, 2]
         sure = np.where(contacts.quality & Quality.MISFIT, 0.0, variance)
-        spread = np.bincount(root, loads.patches.force_sd, n) ** 2 + np.bincount(press, sure, n)
-        extended = (unknown == 0.0) & (missing**2 > DIFFERENT**2 * spread)
-        contacts.quality[extended[press]] |= Quality.EXTENDED
+        more = loads.links.force - _sums(link, contacts.force, m)
+        spread = loads.links.force_sd**2 + _sums(link, sure, m)
+        open_ended = (_sums(self.arm.patch_link, loads.at_least, m) > 0.0) & (more < 0.0)
+        unknown = open_ended | (_sums(link, variance <= 0.0, m) > 0.0)
+        extended = ~unknown & (more**2 > DIFFERENT**2 * spread)
+        contacts.quality[extended[link]] |= Quality.EXTENDED
 
 
 def _sums(group: npt.NDArray[Any], value: npt.NDArray[Any], n: int) -> Floats:
     """Return the sums of values by group, (n,) float64 even where there is none."""
-    return np.asarray(np.bincount(group, value, n), np.float64)
+    return np.bincount(group, value, n).astype(np.float64)
 
 
-def _cells(arm: Arm) -> tuple[Floats, Floats]:
-    """Return the area that is nearest to each tactel, m^2, and how far it reaches, m, (n_tactels,) each."""
-    cell, far = np.zeros(arm.n_tactels), np.zeros(arm.n_tactels)
-    sizes = np.array([placed.patch.size for placed in arm.patches])
-    half = 0.5 * np.hypot(*sizes.T)
+def _cells(arm: Arm, p: int) -> tuple[Floats, Floats]:
+    """Return the area that is nearest to each tactel of a board, m^2, and how far it reaches, m."""
+    placed, sizes = arm.patches[p], np.array([placed.patch.size for placed in arm.patches])
+    patch, step, reach = placed.patch, placed.patch.pitch / FINENESS, np.hypot(*sizes.T).max() + SEAM_MOST
+    sides = np.ceil((sizes[p] + SEAM_MOST) / (2.0 * step))
+    uv = np.stack(np.meshgrid(*(step * (np.arange(-n, n) + 0.5) for n in sides)), -1).reshape(-1, 2)
+    s, a = arm.on_link(p, uv)
 
-    def off(p: int, uv: Floats) -> Floats:
+    def off(q: int, uv: Floats) -> Floats:
         """Return how far places (n, 2) m are off a board along the farther axis, (n,) m."""
-        return np.asarray(np.maximum(np.abs(uv) - 0.5 * sizes[p], 0.0).max(axis=-1))
+        return np.asarray(np.maximum(np.abs(uv) - 0.5 * sizes[q], 0.0).max(axis=-1))
 
-    for p, placed in enumerate(arm.patches):
-        away = arm.links[placed.link].surface.distance(placed.s, placed.a, arm.patch_s, arm.patch_a)
-        near = (arm.patch_link == placed.link) & (away <= half + half[p] + SEAM_MOST)
-        near[p] = False
-        step = placed.patch.pitch / FINENESS
-        sides = np.ceil((sizes[p] + SEAM_MOST) / (2.0 * step))
-        uv = np.stack(np.meshgrid(*(step * (np.arange(-n, n) + 0.5) for n in sides)), -1).reshape(-1, 2)
-        s, a = arm.on_link(p, uv)
-        own, other = off(p, uv), np.full(len(uv), np.inf)
-        for q in np.flatnonzero(near).tolist():
+    own, other = off(p, uv), np.full(len(uv), np.inf)
+    away = arm.links[placed.link].surface.distance(placed.s, placed.a, arm.patch_s, arm.patch_a)
+    for q in np.flatnonzero((arm.patch_link == placed.link) & (away <= reach)).tolist():
+        if q != p:
             other = np.minimum(other, off(q, arm.on_board(q, s, a)))
-        # of a seam a board has the nearer half, to the fraction of a step
-        seam = np.clip(0.5 + 0.5 * (other - own) / step, 0.0, 1.0) * (own + other <= SEAM_MOST)
-        d, nearest = cKDTree(placed.patch.tactels_uv).query(uv)
-        weight = step * step * np.where(own == 0.0, 1.0, seam)
-        cell[arm.tactels_of(p)] = np.bincount(nearest, weight, placed.patch.n_tactels)
-        np.maximum.at(far, arm.patch_start[p] + nearest, np.where(weight > 0.0, d, 0.0))
-    return np.maximum(cell, 1e-12), far  # one of two tactels in one place is nearest to nothing
+    # of a seam a board has the nearer half, to the fraction of a step
+    seam = np.clip(0.5 + 0.5 * (other - own) / step, 0.0, 1.0) * (own + other <= SEAM_MOST)
+    d, nearest = cKDTree(patch.tactels_uv).query(uv)
+    weight, far = step * step * np.where(own == 0.0, 1.0, seam), np.zeros(patch.n_tactels)
+    np.maximum.at(far, nearest, np.where(weight > 0.0, d, 0.0))
+    # one of two tactels in one place is nearest to nothing
+    return np.maximum(np.bincount(nearest, weight, patch.n_tactels), 1e-12), far

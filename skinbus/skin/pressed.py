@@ -24,6 +24,4 @@ class PressedLoads:
     def of(self, readings: Readings) -> Loads:
         """Return the loads of a cycle; a tactel without a reading counts as the mean of its neighbours."""
         touched = readings.valid & (readings.pressures >= self._threshold)
-        return self._meter.measure(
-            np.where(readings.valid, readings.pressures, np.nan), touched, readings.valid
-        )
+        return self._meter.measure(np.where(readings.valid, readings.pressures, np.nan), touched)
