@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import click
 
+from skinbus import __version__
 from skinbus.errors import ConfigError, Fault, SkinbusError
 from skinbus.printable import layout
 
@@ -96,6 +97,32 @@ def refuse_unreadable(path: str | os.PathLike[str]) -> None:
         raise ConfigError(os.fspath(path), [Fault("file", None, f"one that can be read ({why})")])
 
 
+SUMMARY: Final = '{\n "skinbus": '
+"""How a summary begins."""
+
+
+def keep_others(path: str | os.PathLike[str], begins: str, what: str) -> None:
+    """Refuse a file that is there and does not begin as ours; an empty one holds nothing that could be lost."""
+    if os.path.isfile(path):
+        with open(path, "rb") as file:
+            head = file.read(len(begins))
+        if head and head != begins.encode():
+            raise click.BadParameter(
+                f"{path} is there already and is no {what} of skinbus: remove it, or give another name"
+            )
+
+
+def state(ctx: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
+    """Refuse a state that would take the place of a file of anybody else."""
+    from skinbus.config.state_file import MAGIC
+
+    if value is not None:
+        try_to_write(value)
+        for ending in ("", ".1", ".health", ".health.1"):
+            keep_others(f"{value}{ending}", MAGIC, "state")
+    return value
+
+
 def json_file(
     ctx: click.Context, parameter: click.Parameter, value: str | None
 ) -> Callable[[Any], None] | None:
@@ -107,9 +134,10 @@ def json_file(
         ctx.with_resource(redirect_stdout(sys.stderr))
     else:
         try_to_write(value)
+        keep_others(value, SUMMARY, "summary")
 
     def write(summary: Any) -> None:
-        text = json.dumps(summary, indent=1) + "\n"
+        text = json.dumps({"skinbus": __version__, **summary}, indent=1) + "\n"
         if value == "-":
             stdout.write(text)
             stdout.flush()

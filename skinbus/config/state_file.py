@@ -22,7 +22,8 @@ VERSION: Final = 1
 MAX_BYTES: Final = 16 << 20
 """An arm of 16 buses with 126 patches of 64 tactels has half of this."""
 
-_MAGIC: Final = "skinbus-state"
+MAGIC: Final = "skinbus-state"
+"""First word of a file."""
 
 
 class StateFile:
@@ -73,7 +74,7 @@ def _spell(state: dict[str, Any]) -> bytes:
     # A piece at a time: the encoder of json holds all other threads up, the one with the cycle too.
     pieces = [f"{json.dumps(key)}: {_piece(value)}" for key, value in state.items()]
     body = ("{" + ",\n".join(pieces) + "}\n").encode()
-    return f"{_MAGIC} {VERSION} {hashlib.sha256(body).hexdigest()} {len(body)}\n".encode() + body
+    return f"{MAGIC} {VERSION} {hashlib.sha256(body).hexdigest()} {len(body)}\n".encode() + body
 
 
 def _piece(value: Any) -> str:
@@ -86,7 +87,7 @@ def _parse(content: bytes) -> dict[str, Any]:
     """Return the state in a file; ValueError says why it is none."""
     head, _, body = content.partition(b"\n")
     words = head.decode("ascii", errors="replace").split()
-    if len(words) != 4 or words[0] != _MAGIC:
+    if len(words) != 4 or words[0] != MAGIC:
         raise ValueError("no state of skinbus")
     if words[1] != str(VERSION):
         raise ValueError(f"version {words[1][:20]!r}; this skinbus reads {VERSION}")

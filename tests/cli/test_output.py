@@ -95,6 +95,20 @@ def test_no_output_follows_a_symbolic_link(own_arm):
     output.try_to_write("/dev/stdout")  # a link too, to what is open
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("x.json", '{"name": "of another program"}'), ("notes.txt", "mine"), ("x.health", "mine"), ("x.1", "mine")],
+)
+@pytest.mark.parametrize("option", ["--json", "--state"])
+def test_a_file_of_anybody_else_is_not_lost_to_a_summary_or_a_state(tmp_path, option, name, text):
+    file, given = tmp_path / name, tmp_path / name.removesuffix(".health").removesuffix(".1")
+    file.write_text(text)
+    answer = run("run", "pad", option, str(given if option == "--state" else file))
+    assert answer.exit_code == 2
+    assert f"{file} is there already" in answer.output
+    assert file.read_text() == text
+
+
 def test_a_summary_is_written_over_the_last_one(tmp_path):
     file = tmp_path / "plan.json"
     for _ in range(2):

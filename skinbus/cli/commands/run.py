@@ -68,7 +68,7 @@ RECENT_NS: Final = 1_000_000_000
 @file_option(
     "--state",
     "state_file",
-    callback=output.writable,
+    callback=output.state,
     help="Keep zeros and identities of contacts over restarts here, the health of tactels in FILE.health.",
 )
 @seconds_option
