@@ -22,7 +22,11 @@ from skinbus.skin.addresses import BusAddress
 
 
 def talk(
-    dialogue: PressDialogue, arm: Arm, place: BusAddress, console: Console, follow: Callable[[], Any]
+    dialogue: PressDialogue,
+    arm: Arm,
+    place: BusAddress,
+    console: Console,
+    follow: Callable[[], Any] = tuple,
 ) -> None:
     """Run a dialogue on a bus until it is over; Ctrl-C leaves the rest for later.
 
@@ -35,8 +39,7 @@ def talk(
     """
     cycles: deque[tuple[int, npt.NDArray[np.float64]]] = deque()
     typed: deque[str] = deque()
-    reader = threading.Thread(target=_read, args=(sys.stdin, typed), name="typed lines", daemon=True)
-    reader.start()
+    threading.Thread(target=_read, args=(sys.stdin, typed), name="typed lines", daemon=True).start()
     say = partial(console.print, soft_wrap=True)
     with compiling(console):
         master = QuietMaster(arm, lambda *cycle: cycles.append(cycle))
@@ -47,8 +50,6 @@ def talk(
             for text in dialogue.step(*cycles.popleft(), answers):
                 say(text)
         follow()
-        if dialogue.is_complete and not (reader.is_alive() or typed):
-            dialogue.is_over = True
 
     with Host(master, place.open, final_frames=master.stop, say=say) as host:
         host.wait_until(lambda: dialogue.is_over, QUICK_S, go_on)

@@ -102,7 +102,7 @@ SUMMARY: Final = '{\n "skinbus": '
 
 
 def keep_others(path: str | os.PathLike[str], begins: str, what: str) -> None:
-    """Refuse a file that is there and does not begin as ours; an empty one holds nothing that could be lost."""
+    """Refuse a file that is there and does not begin as ours; an empty one holds nothing."""
     if os.path.isfile(path):
         with open(path, "rb") as file:
             head = file.read(len(begins))

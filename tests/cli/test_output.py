@@ -97,7 +97,12 @@ def test_no_output_follows_a_symbolic_link(own_arm):
 
 @pytest.mark.parametrize(
     ("name", "text"),
-    [("x.json", '{"name": "of another program"}'), ("notes.txt", "mine"), ("x.health", "mine"), ("x.1", "mine")],
+    [
+        ("x.json", '{"name": "of another program"}'),
+        ("notes.txt", "mine"),
+        ("x.health", "mine"),
+        ("x.1", "mine"),
+    ],
 )
 @pytest.mark.parametrize("option", ["--json", "--state"])
 def test_a_file_of_anybody_else_is_not_lost_to_a_summary_or_a_state(tmp_path, option, name, text):

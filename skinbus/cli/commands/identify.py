@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from skinbus.cli.options import BusWords, arm_bus_options, file_option
 from skinbus.config.arm_edit import write_arm
 from skinbus.config.arm_file import find_arm
 from skinbus.config.system import load_arm
-from skinbus.master.commissioning.identification import Identification, Identified, Place
+from skinbus.master.commissioning.identification import Identification
 from skinbus.master.commissioning.scan import Scanner
 from skinbus.master.commissioning.unplaced_boards import (
     Unplaced,
@@ -48,8 +47,7 @@ def command(arm: str, bus: BusWords, out: Path | None) -> None:
     turned or mirrored. A ring whose boards differ becomes single patches. Boards need a
     node-ID, whichever: `skinbus scan assign` gives one to those without.
 
-    What was found is kept in FILE.identify until the arm file is written: after an interruption the same
-    command goes on. Several buses are identified one by one (--bus).
+    Nothing is written after `quit` or Ctrl-C. Several buses are identified one by one (--bus).
 
     Status 0: every place has its board. 1: not so. 2: bad file or argument. 3: no bus, or a master is active.
 
@@ -63,45 +61,21 @@ def command(arm: str, bus: BusWords, out: Path | None) -> None:
     part, place = bus.of(whole)
     number = bus_numbers(whole, [bus.name] if bus.name else [])[0]
     mountings = [mounting for mounting in arm_file.mountings if mounting.bus == number]
-    places, kept = places_of(part, mountings), target.with_name(f"{target.name}.identify")
     console = Console()
     say = partial(console.print, soft_wrap=True)
     bench = boards_on(place, part, say)
-    found = found_before(kept, places)
-    dialogue = Identification(places, bench.boards, found)
-
-    def keep() -> None:
-        nonlocal found
-        if dialogue.found != found:
-            found = dict(dialogue.found)
-            kept.write_text(json.dumps({"places": repr(places), "found": found}))
-
-    talk(dialogue, bench.arm, place, console, keep)
-    for text in dialogue.summary():
-        say(text)
+    dialogue = Identification(places_of(part, mountings), bench.boards)
+    talk(dialogue, bench.arm, place, console)
     if dialogue.is_quit or not dialogue.found:
-        say("Nothing is written; the same command goes on." if dialogue.found else "Nothing was found.")
+        say("Nothing is written.")
         sys.exit(1)
     changes = changes_of(mountings, dialogue.found)
     write_arm(path, target, changes)
-    kept.unlink(missing_ok=True)
     say(f"{target}: {counted(len(changes), 'table')} changed" if changes else f"{target}: all is as it was")
-    for own in dialogue.missing():
+    missing = [own for own in dialogue.places if own.key not in dialogue.found]
+    for own in missing:
         say(f"no board was found at {own.label}", style="yellow")
-    sys.exit(1 if dialogue.missing() else 0)
-
-
-def found_before(kept: Path, places: Sequence[Place]) -> dict[str, Identified]:
-    """Return what an earlier run found at the same places; nothing that is in its file raises."""
-    try:
-        state = json.loads(kept.read_bytes())
-        return {
-            key: Identified(node_id, tuple(identity))
-            for key, (node_id, identity) in state["found"].items()
-            if state["places"] == repr(places)
-        }
-    except (OSError, RecursionError, AttributeError, KeyError, TypeError, ValueError):
-        return {}
+    sys.exit(1 if missing else 0)
 
 
 def boards_on(place: BusAddress, part: Arm, say: Say) -> Unplaced:

@@ -11,6 +11,7 @@ import numpy as np
 
 from skinbus.cli import output
 from skinbus.cli.console import Console
+from skinbus.cli.formatting import counted
 from skinbus.cli.live_presses import talk
 from skinbus.cli.options import BusWords, Range, arm_bus_options
 from skinbus.cli.output import echo
@@ -58,16 +59,18 @@ def command(
     force = math.nan if weight_n is None else weight_n
     boards = Arm(part.name, part.links, patches, *part.buses)
     output.try_to_write(presses)
-    guide = PressGuide(boards, force, made_before(boards, presses, force))
-    n_kept = len(guide.presses)
+    kept = made_before(boards, presses, force)
+    guide, console = PressGuide(boards, force, kept), Console()
+    if kept:
+        console.print(f"{counted(len(kept), 'press')} from before")
 
     def keep() -> None:
-        nonlocal n_kept
-        if len(guide.presses) != n_kept:
-            n_kept = len(guide.presses)
-            write_presses(presses, boards, guide.presses)
+        nonlocal kept
+        if len(guide.presses) != len(kept):
+            kept = list(guide.presses)
+            write_presses(presses, boards, kept)
 
-    talk(guide, boards, place, Console(), keep)
+    talk(guide, boards, place, console, keep)
     if guide.is_quit or not presses.exists():
         echo("the same command goes on with the presses made so far", err=True)
         sys.exit(1)

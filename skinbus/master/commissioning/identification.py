@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from skinbus.master.commissioning.press_dialogue import HELP, Board, HandPress, PressDialogue
+from skinbus.master.commissioning.press_dialogue import Board, HandPress, PressDialogue
 
 CENTRE = 0.2
 """Part of the smaller side of a board within which its centre is."""
@@ -40,82 +40,53 @@ class Identification(PressDialogue):
     Args:
         places: in the order in which they are asked for.
         boards: those on the bus; the pressures are theirs, in this order.
-        found: what an earlier dialogue has found, by the key of the place.
     """
 
-    def __init__(
-        self, places: Sequence[Place], boards: Sequence[Board], found: dict[str, Identified] | None = None
-    ) -> None:
+    def __init__(self, places: Sequence[Place], boards: Sequence[Board]) -> None:
         super().__init__(boards)
         self.places = tuple(places)
-        known = {(board.node_id, board.identity) for board in boards}
-        keys = {place.key for place in places}
-        self.found = {key: old for key, old in (found or {}).items() if key in keys and old in known}
-        """By the key of the place, in the order in which they were found."""
-        self._skipped: list[str] = []
-
-    def missing(self) -> list[Place]:
-        """Return the places at which no board was found."""
-        return [place for place in self.places if place.key not in self.found]
-
-    def summary(self) -> list[str]:
-        """Return what was found, place by place."""
-        lines = []
-        for k, place in enumerate(self.places, 1):
-            said = "left out" if place.key in self._skipped else "-"
-            if own := self.found.get(place.key):
-                said = f"node {own.node_id}"
-            lines.append(f"  {k:3}  {place.label}: {said}")
-        return lines
-
-    def greet(self) -> list[str]:
-        """Return what is said first."""
-        known = [f"{len(self.found)} of {len(self.places)} places are known from before."] * bool(self.found)
-        return [*known, f"Press with a finger for a second, let go, and wait for the next line. {HELP}."]
+        self._answers: list[Identified | None] = []
+        """Of the first places; None for one that was left out."""
 
     @property
-    def _next(self) -> Place | None:
-        """The place that is asked for."""
-        return next((place for place in self.missing() if place.key not in self._skipped), None)
+    def found(self) -> dict[str, Identified]:
+        """The boards that were found, by the key of the place."""
+        pairs = zip(self.places, self._answers, strict=False)
+        return {place.key: own for place, own in pairs if own is not None}
 
     def ask(self) -> str:
         """Return what is asked for: the centre of a place."""
-        place = self._next
-        self.is_complete = place is None
-        if place is None:
-            return "All places have been asked for. Type done to write the arm file, undo, or list."
-        return f"[{self.places.index(place) + 1}/{len(self.places)}] {place.label}: press the centre."
+        k = len(self._answers)
+        self.is_over = k == len(self.places)
+        if self.is_over:
+            return "All places have been asked for."
+        return f"[{k + 1}/{len(self.places)}] {self.places[k].label}: press the centre."
 
-    def skip(self) -> list[str]:
+    def skip(self) -> str:
         """Leave out the place that is asked for."""
-        place = self._next
-        if place is None:
-            return []
-        self._skipped.append(place.key)
-        return [f"Left out: {place.label}."]
+        self._answers.append(None)
+        return f"Left out: {self.places[len(self._answers) - 1].label}."
 
-    def undo(self) -> list[str]:
-        """Take back the last press, or all that was left out."""
-        if self.found:
-            key, _ = self.found.popitem()
-            return [f"Taken back: {place.label}." for place in self.places if place.key == key]
-        said = [] if self._skipped else ["There is nothing to take back."]
-        self._skipped.clear()
-        return said
+    def undo(self) -> str:
+        """Take back the last press, or what was left out last."""
+        if not self._answers:
+            return "There is nothing to take back."
+        self._answers.pop()
+        return f"Taken back: {self.places[len(self._answers)].label}."
 
     def take(self, press: HandPress) -> str:
         """Note the board that sits at the place, or return what is wrong with the press."""
-        place, board, off = self._next, self.boards[press.board], abs(press.places[press.board])
-        assert place is not None
+        place, board = self.places[len(self._answers)], self.boards[press.board]
+        off, own = abs(press.places[press.board]), Identified(board.node_id, board.identity)
         if press.others:
             nodes = ", ".join(str(self.boards[b].node_id) for b in (press.board, *press.others))
             return f"More than one board was pressed (nodes {nodes}): press one, away from its edges."
-        for other in self.places:
-            if other.key in self.found and self.found[other.key].node_id == board.node_id:
-                return f"Node {board.node_id} was pressed, which is at {other.label}; if not, type undo."
+        if own in self._answers:
+            other = self.places[self._answers.index(own)].label
+            return f"Node {board.node_id} was pressed, which is at {other}; if not, type undo."
         if board.kind != place.kind:
             return f"Node {board.node_id} is another kind of board than the arm file has at {place.label}."
         if off > CENTRE * min(place.size):
             return f"Node {board.node_id} was pressed {1e3 * off:.0f} mm from its centre."
-        self.found[place.key] = Identified(board.node_id, board.identity)
+        self._answers.append(own)
         return f"{place.label}: node {board.node_id}"

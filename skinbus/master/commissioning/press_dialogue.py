@@ -152,77 +152,61 @@ REMIND_NS = 20_000_000_000
 
 
 HELP = (
-    "undo: take back the last press; skip: leave this place out; list: what there is; done: that is enough; "
-    "quit: go on later"
+    "Press for a second where the next line says, let go, and wait for the next line. undo: take back the "
+    "last press; skip: leave this place out; done: that is enough; quit: stop."
 )
 
 
 class PressDialogue(ABC):
     """A dialogue about presses on ``boards``, whose pressures it gets, in their order.
 
-    Whatever is said, the question follows.
+    Whatever is said, the question follows. It is over when no place is left to press, or as ``done`` and
+    ``quit`` say.
     """
 
     def __init__(self, boards: Sequence[Board]) -> None:
         self.boards = tuple(boards)
-        self.is_over = False
-        self.is_complete = False
-        """Whether no place is left to press; ``done`` ends the dialogue."""
-        self.is_quit = False
-        """Whether the rest is left for later."""
+        self.is_over = self.is_quit = False
         self._detector = PressDetector(boards)
         self._remind_ns = 0
 
     def step(self, now_ns: int, pressures: Floats, answers: Sequence[str] = ()) -> list[str]:
         """Take the pressures (n_tactels,) Pa of a cycle and lines that were typed; return lines to show."""
-        lines: list[str] = []
-        if not self._remind_ns:
-            lines += [*self.greet(), self.ask()]
+        lines: list[str] = [] if self._remind_ns else [HELP, self.ask()]
         for answer in answers:
             if not self.is_over:
                 lines += self._answer(answer.strip())
         press = self._detector.step(now_ns, pressures)
-        is_asking = not (self.is_over or self.is_complete)
-        if press is not None and is_asking:
+        if press is not None and not self.is_over:
             flaw = f"Node {self.boards[press.board].node_id} {press.flaw}."
-            said = flaw if press.flaw else self.take(press)
-            lines += [said, self.ask()] if said else [self.ask()]
+            lines += [flaw if press.flaw else self.take(press), self.ask()]
         if lines or self._detector.is_pressed:
             self._remind_ns = now_ns + REMIND_NS
-        elif now_ns > self._remind_ns and is_asking:
+        elif now_ns > self._remind_ns and not self.is_over:
             self._remind_ns = NEVER
             lines += ["No press was felt. Press harder, or type skip if the board there is dead.", self.ask()]
-        return lines
+        return [line for line in lines if line]
 
     def _answer(self, word: str) -> list[str]:
         """Do what was typed."""
         if word in ("quit", "done"):
             self.is_over, self.is_quit = True, word == "quit"
             return []
-        actions = {"undo": self.undo, "skip": self.skip, "list": self.summary}
-        no_answer = [f"{printable(word, limit=40)!r} is no answer here. {HELP}."] * bool(word)
-        return [*(actions[word]() if word in actions else no_answer), self.ask()]
-
-    @abstractmethod
-    def greet(self) -> list[str]:
-        """Return what is said first."""
+        said = f"{printable(word, limit=40)!r} is no answer here. {HELP}" if word else ""
+        return [self.undo() if word == "undo" else self.skip() if word == "skip" else said, self.ask()]
 
     @abstractmethod
     def ask(self) -> str:
-        """Return what is asked for, or that nothing is left."""
+        """Return what is asked for; where nothing is left it is over."""
 
     @abstractmethod
     def take(self, press: HandPress) -> str:
         """Take a press that has no flaw; return what is said of it, first of all what is wrong with it."""
 
     @abstractmethod
-    def undo(self) -> list[str]:
+    def undo(self) -> str:
         """Take back the last press."""
 
     @abstractmethod
-    def skip(self) -> list[str]:
+    def skip(self) -> str:
         """Leave out the place that is asked for."""
-
-    @abstractmethod
-    def summary(self) -> list[str]:
-        """Return what there is."""

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from skinbus.estimate.calibration import gate
 from skinbus.estimate.calibration.table import Press, centroid
 from skinbus.estimate.calibration.validation import next_place
-from skinbus.master.commissioning.press_dialogue import HELP, Board, HandPress, PressDialogue
+from skinbus.master.commissioning.press_dialogue import Board, HandPress, PressDialogue
 from skinbus.model import Arm
 
 Floats = npt.NDArray[np.float64]
@@ -53,11 +53,6 @@ class PressGuide(PressDialogue):
         if (self._counts() >= self._goal).all():
             self._goal = self._counts() + ROUND
 
-    @property
-    def n_planned(self) -> int:
-        """Presses that there are to be at the end."""
-        return int(np.maximum(self._goal, self._counts()).sum())
-
     def _counts(self) -> npt.NDArray[np.intp]:
         return np.bincount([press.patch for press in self.presses], minlength=self.arm.n_patches)
 
@@ -68,17 +63,6 @@ class PressGuide(PressDialogue):
         out = [uv for q, uv in self._left_out if q == p]
         return np.concatenate([at, np.reshape(out, (-1, 2))])
 
-    # the dialogue
-
-    def greet(self) -> list[str]:
-        """Return what is said first."""
-        n, are = len(self.presses), " is" if len(self.presses) == 1 else "es are"
-        kept = [f"{n} press{are} there from before."] * bool(n)
-        return [
-            *kept,
-            f"Press for a second where the next line says, let go, and wait for the next line. {HELP}.",
-        ]
-
     def ask(self) -> str:
         """Return the place that is asked for next; a board is finished before another one begins."""
         left = np.flatnonzero(self._counts() < self._goal)
@@ -88,8 +72,9 @@ class PressGuide(PressDialogue):
         self._patch = self._patch if self._patch in left else int(left[0])
         self._uv = next_place(self.arm.patches[self._patch].patch, self._pressed(self._patch))
         (u, v), (s, a) = 1e3 * self._uv, self._place()
+        n_planned = np.maximum(self._goal, self._counts()).sum()
         return (
-            f"[{len(self.presses) + 1}/{self.n_planned}] node {self.boards[self._patch].node_id}: press at "
+            f"[{len(self.presses) + 1}/{n_planned}] node {self.boards[self._patch].node_id}: press at "
             f"s {1e3 * s:.1f} mm, a {1e3 * a:.1f} mm (on the board u {u:+.1f} mm, v {v:+.1f} mm)."
         )
 
@@ -99,23 +84,18 @@ class PressGuide(PressDialogue):
         surface = self.arm.links[self.arm.patches[self._patch].link].surface
         return float(s[0]), float(surface.wrap(a[0]))
 
-    def undo(self) -> list[str]:
+    def undo(self) -> str:
         """Take back the last press."""
         if not self.presses:
-            return ["There is nothing to take back."]
+            return "There is nothing to take back."
         last = self.presses.pop()
         self._patch = last.patch
-        return [f"Taken back: node {self.arm.node_id[last.patch]}, s {1e3 * last.s:.1f} mm."]
+        return f"Taken back: node {self.arm.node_id[last.patch]}, s {1e3 * last.s:.1f} mm."
 
-    def skip(self) -> list[str]:
+    def skip(self) -> str:
         """Leave out the place that is asked for."""
         self._left_out.append((self._patch, self._uv))
-        return []
-
-    def summary(self) -> list[str]:
-        """Return what there is, board by board."""
-        counts = zip(self.boards, self._counts(), strict=True)
-        return [f"  node {board.node_id}: {n} press{'' if n == 1 else 'es'}" for board, n in counts]
+        return ""
 
     def take(self, press: HandPress) -> str:
         """Take a press as one at the place that is asked for, or return what is wrong with it."""

@@ -1,12 +1,8 @@
 """`skinbus scan identify` on a bus: a hand presses, the arm file is written."""
 
-import json
-
 import pytest
 
-from skinbus.cli.commands.identify import found_before
 from skinbus.config.arm_file import find_arm, read_arm_file
-from skinbus.master.commissioning.identification import Identified
 from tests.cli.commands.pressed_pad import pressed_pad
 from tests.cli.patience import until_in_time
 
@@ -31,7 +27,7 @@ def test_a_board_is_found_by_a_press_and_goes_into_the_file(own_bus, file):
     assert [path.name for path in file.parent.iterdir()] == ["my-arm.toml"]
 
 
-def test_quit_writes_nothing_and_says_how_to_go_on(own_bus, file):
+def test_quit_writes_nothing(own_bus, file):
     before = file.read_text()
     with pressed_pad(own_bus):
         result = own_bus.run("scan", "identify", file, text="quit\n")
@@ -57,19 +53,3 @@ def test_boards_that_the_arm_file_does_not_have_are_named(own_bus, file):
         )
     assert (result.exit_code, "of no kind that the arm file has" in result.output) == (1, True), result.output
     assert "no node answers" not in result.output
-
-
-FOUND = {"patch[1]": [5, [1, 2, 3, 4]]}
-
-
-def test_progress_is_taken_up_and_whatever_else_is_in_its_file_is_not(tmp_path):
-    kept, places = tmp_path / "my-arm.toml.identify", []
-    assert found_before(kept, places) == {}
-    kept.write_text(json.dumps({"places": repr(places), "found": FOUND}))
-    assert found_before(kept, places) == {"patch[1]": Identified(5, (1, 2, 3, 4))}
-    assert found_before(kept, ["another"]) == {}
-    for wrong in (None, {"patch[1]": 1}, {"patch[1]": [*FOUND["patch[1]"], 1]}):
-        kept.write_text(json.dumps({"places": repr(places), "found": wrong}))
-        assert found_before(kept, places) == {}
-    kept.write_bytes(b"\xff[")
-    assert found_before(kept, places) == {}

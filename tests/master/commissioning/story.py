@@ -25,7 +25,7 @@ def prepared(name):
 class Story:
     """A dialogue, a hand, and an arm as it is mounted."""
 
-    def __init__(self, name="forearm", seed=SEED, found=None):
+    def __init__(self, name="forearm", seed=SEED):
         print(f"seed {seed}")
         self.plan, self.mountings, places, kinds = prepared(name)
         self.arm = mounted(self.plan, seed)
@@ -42,7 +42,7 @@ class Story:
             )
             for p in self.order
         ]
-        self.dialogue = Identification(places, boards, found)
+        self.dialogue = Identification(places, boards)
         self.now_ns, self.lines = 0, []
         self.wait(0.5)
 
