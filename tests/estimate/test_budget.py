@@ -8,7 +8,7 @@ import pytest
 from skinbus.estimate import LEVELS, Clock, Estimator, Quality
 from skinbus.model import Cone
 from tests.hard.test_extremes import random_readings
-from tests.oracle import cases
+from tests.skins import cone_forearm
 
 TOUCHES = [(0.025, 0.0), (0.0255, 0.1275), (0.051, -0.1), (0.077, 0.0765), (0.128, -0.05), (0.04, 0.012)]
 """(s, a) in m: on seams, inside patches, and two close together."""
@@ -46,7 +46,7 @@ class FakeClock:
 
 @pytest.fixture(scope="module")
 def arm():
-    return cases.arm()
+    return cone_forearm()
 
 
 @pytest.fixture(scope="module")

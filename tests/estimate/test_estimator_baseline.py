@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from skinbus.estimate import LEVELS, Baseline, Estimator, Quality
-from skinbus.model import Cone, Transducer
-from tests.oracle import cases
+from skinbus.model import Arm, Cone, Transducer, grid
+from tests.skins import PAD, cone_forearm
 
 SIGMA = 200.0
 FULL_SCALE = 60e3
@@ -17,7 +17,9 @@ class Skin:
 
     def __init__(self, level="kmeans"):
         print("seed 5")
-        self.arm = cases.pad(law=Cone(4e6), transducer=Transducer(full_scale=FULL_SCALE))
+        self.arm = Arm.single_patch(
+            grid(4, 4, 0.010), law=Cone(4e6), transducer=Transducer(full_scale=FULL_SCALE)
+        )
         self.baseline, self.estimator = Baseline(self.arm), Estimator(self.arm, level)
         self.rng = np.random.default_rng(5)
         self.t_ns = 0
@@ -87,13 +89,13 @@ def test_without_a_baseline_the_declared_values_hold_again():
 
 def test_baseline_of_another_arm_is_refused():
     with pytest.raises(ValueError, match="other tactels"):
-        Estimator(cases.pad()).update(np.zeros(16), 0, baseline=Baseline(cases.arm()))
+        Estimator(PAD).update(np.zeros(16), 0, baseline=Baseline(cone_forearm()))
 
 
 def test_read_only_and_foreign_arrays_compile_nothing_anew():
     from numba.core import event
 
-    estimator = Estimator(cases.pad(), "kmeans")
+    estimator = Estimator(PAD, "kmeans")
     values = np.zeros(16)
     values.setflags(write=False)
     with event.install_recorder("numba:compile") as seen:

@@ -5,7 +5,6 @@ import pytest
 
 from skinbus.estimate import Estimator, Quality, learn_radial_law
 from skinbus.model import Arm, Cone, Radial, Transducer, grid
-from tests.oracle import cases
 
 FULL_SCALE = 50e3
 N = 16
@@ -32,7 +31,8 @@ def pressures_of(arm, counts):
     ],
 )
 def test_force_of_a_clipped_peak_is_not_the_clipped_one(law, offset, gain, top, converter):
-    arm = cases.pad(
+    arm = Arm.single_patch(
+        grid(4, 4, 0.010),
         law=law,
         transducer=Transducer(full_scale=FULL_SCALE, converter_bits=converter),
         offset=np.full(N, float(offset)),

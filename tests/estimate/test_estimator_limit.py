@@ -4,55 +4,43 @@ import numpy as np
 import pytest
 
 from skinbus.estimate import Baseline, Estimator
-from tests.oracle import cases
 from tests.oracle.limit import SLACK, run
-
-
-@pytest.fixture(scope="module")
-def pad():
-    return cases.pad()
-
-
-@pytest.fixture(scope="module")
-def forearm():
-    return cases.arm()
-
+from tests.skins import DRAWS, PAD, cone_forearm
 
 SLOW = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
-    ("on", "level", "draw_of", "n", "right", "ratio"),
+    ("arm", "level", "draw", "n", "right", "ratio"),
     [
-        ("pad", "fit", lambda arm: cases.one_inside, 1, 0.99, 1.1),
-        ("pad", "full", lambda arm: cases.one_inside, 1, 0.99, 1.1),
-        ("forearm", "fit", cases.on_seam, 1, 0.99, 1.2),
-        ("forearm", "full", cases.on_seam, 1, 0.99, 1.2),
-        pytest.param("pad", "full", lambda arm: cases.pair_inside, 2, 0.98, 1.2, marks=SLOW),
-        pytest.param("forearm", "full", cases.pair_on_seam, 2, 0.95, 1.3, marks=SLOW),
-        pytest.param("pad", "full", lambda arm: cases.three_inside, 3, 0.95, np.inf, marks=SLOW),
+        (PAD, "fit", "one 2-20 N", 1, 0.99, 1.1),
+        (PAD, "full", "one 2-20 N", 1, 0.99, 1.1),
+        (cone_forearm(), "fit", "seam", 1, 0.99, 1.2),
+        (cone_forearm(), "full", "seam", 1, 0.99, 1.2),
+        pytest.param(PAD, "full", "two", 2, 0.98, 1.2, marks=SLOW),
+        pytest.param(cone_forearm(), "full", "two on seam", 2, 0.95, 1.3, marks=SLOW),
+        pytest.param(PAD, "full", "three", 3, 0.95, np.inf, marks=SLOW),
     ],
     ids=["one-fit", "one-full", "seam-fit", "seam-full", "two-full", "two on seam-full", "three-full"],
 )
-def test_contacts_are_counted_and_reach_the_bound(on, level, draw_of, n, right, ratio, request):
-    arm = request.getfixturevalue(on)
-    tally = run(Estimator(arm, level), draw_of(arm), cases.CONE, 400, np.random.default_rng(n))
-    place, force = tally.ratios(np.random.default_rng(9))
-    print(f"seed {n}", tally.counts, tally.n_excluded, place, force)
-    assert tally.right(n) >= right
-    assert max(place, force) <= ratio * SLACK
+def test_contacts_are_counted_and_reach_the_bound(arm, level, draw, n, right, ratio):
+    found = run(Estimator(arm, level), DRAWS[draw], 400, np.random.default_rng(n))
+    print(f"seed {n}", found)
+    assert found.right >= right
+    assert max(found.place, found.force) <= ratio * SLACK
 
 
 @pytest.mark.parametrize("level", ["fit", pytest.param("full", marks=SLOW)])
-def test_reported_covariance_is_neither_proud_nor_shy(level, pad):
-    tally = run(Estimator(pad, level), cases.one_inside, cases.CONE, 2500, np.random.default_rng(6))
-    print("seed 6", np.mean(tally.nees))
-    assert np.mean(tally.nees) == pytest.approx(3.0, rel=0.1)
+def test_reported_covariance_is_neither_proud_nor_shy(level):
+    found = run(Estimator(PAD, level), DRAWS["one 2-20 N"], 2500, np.random.default_rng(6))
+    print("seed 6", found.nees)
+    assert found.nees == pytest.approx(1.0, rel=0.1)
 
 
 @pytest.mark.parametrize("told", [False, pytest.param(True, marks=SLOW)], ids=["alone", "told by a baseline"])
 @pytest.mark.parametrize("level", ["kmeans", "fit", "full"])
-def test_noise_makes_no_contact(level, told, forearm):
+def test_noise_makes_no_contact(level, told):
+    forearm = cone_forearm()
     estimator = Estimator(forearm, level)
     baseline = Baseline(forearm) if told else None
     rng = np.random.default_rng(7)

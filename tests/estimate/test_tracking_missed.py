@@ -8,7 +8,7 @@ from skinbus.estimate import Estimator
 from skinbus.estimate.tracking import TrackState
 from tests.estimate.crossing import SPEEDS, meet
 from tests.estimate.track_rig import Film
-from tests.oracle import cases
+from tests.skins import cone_forearm
 
 HELD, LIFT, COAST = TrackState.HELD, TrackState.LIFT, TrackState.COAST
 SHARP = np.diag([2e-4, 2e-4, 0.1]) ** 2
@@ -123,7 +123,7 @@ def test_hand_that_stops_is_followed_in_the_second_cycle(film):
 
 @pytest.fixture(scope="module")
 def full_forearm():
-    return Estimator(cases.arm(), "full")
+    return Estimator(cone_forearm(), "full")
 
 
 def crossings(estimator, n_seeds, speeds=SPEEDS):
@@ -140,7 +140,7 @@ def test_touches_that_cross_fast_keep_their_identities_though_fit_shows_one_cont
 
 @pytest.mark.slow
 @pytest.mark.parametrize("level", ["fit", "full"])
-@pytest.mark.parametrize("arm", [cases.arm, lambda: load_arm("forearm")], ids=["cone", "ships"])
+@pytest.mark.parametrize("arm", [cone_forearm, lambda: load_arm("forearm")], ids=["cone", "ships"])
 def test_at_up_to_1_m_per_s_each_95_of_100_crossings_keep_their_identities(arm, level):
     # at 0.1 m/s, fit with the cone, it is 191 of 200: a touch is at a seam for longer, and badly placed there
     slow, *faster = crossings(Estimator(arm(), level), 100)

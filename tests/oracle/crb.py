@@ -9,13 +9,11 @@ STEP = 1e-7
 
 
 def bound(arm, touches, field, sigma):
-    """Covariances (n, 3, 3) of (s, a, force) of touches at the bound; None where some are not determined."""
-    flat = np.array([touch[1:] for touch in touches], float).ravel()
-    links = [touch[0] for touch in touches]
+    """Covariances (n, 3, 3) at the bound of touches (n, 3): s, a, force; None where one is not determined."""
+    flat = np.ravel(touches)
 
     def predict(parameters):
-        rows = parameters.reshape(-1, 3)
-        return pressures_of(arm, [(link, *row) for link, row in zip(links, rows, strict=True)], field)
+        return pressures_of(arm, parameters.reshape(-1, 3), field)
 
     columns = []
     for i, value in enumerate(flat):
@@ -24,7 +22,7 @@ def bound(arm, touches, field, sigma):
         up[i] += step
         down[i] -= step
         columns.append((predict(up) - predict(down)) / (2.0 * step))
-    jacobian = np.stack(columns, -1) / np.asarray(sigma)[..., None]
+    jacobian = np.stack(columns, -1) / sigma
     information = jacobian.T @ jacobian
     scale = np.sqrt(np.diag(information))
     if (scale == 0.0).any():

@@ -32,10 +32,6 @@ def elastic_field(d, force, depth=DEPTH, diameter=DIAMETER):
 
 
 def pressures_of(arm, touches, field):
-    """Pressures (n_tactels,) Pa of touches (link, s, a, force) on an arm; fields add."""
-    total = np.zeros(arm.n_tactels)
-    for link, s, a, force in touches:
-        on = arm.tactel_link == link
-        d = arm.links[link].surface.distance(s, a, arm.tactel_s[on], arm.tactel_a[on])
-        total[on] += field(d, force)
-    return total
+    """Pressures (n_tactels,) Pa of touches (s, a, force) on the first link of an arm; fields add."""
+    surface = arm.links[0].surface
+    return sum(field(surface.distance(s, a, arm.tactel_s, arm.tactel_a), force) for s, a, force in touches)
