@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from skinbus.estimate import Estimator
 from skinbus.estimate.baseline import FORGET_S, Baseline
@@ -241,17 +239,6 @@ def test_what_is_not_finite_teaches_nothing(skin, bad):
     assert skin.baseline.zeros[3] == before[3]
     assert np.isfinite(skin.baseline.zeros).all()
     assert np.isfinite(skin.baseline.noise).all()
-
-
-@given(st.integers(-(10**18), 10**18))
-def test_time_of_day_changes_no_bit(t0):
-    skins = [Skin(), Skin()]
-    skins[1].t_ns = t0
-    for skin in skins:
-        skin.read(seconds=2)
-        skin.read(press(0.1, 0.0, 5.0), seconds=1)
-        skin.read(seconds=3)
-    assert np.array_equal(skins[0].baseline.zeros, skins[1].baseline.zeros)
 
 
 def test_clock_set_back_or_repeated_changes_no_zero(skin):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skinbus.estimate import Baseline, Plausibility, TactelFault
+from skinbus.estimate import TactelFault
 from skinbus.sim.indenter import Indenter, Shape
 from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry, Loads
@@ -16,7 +16,6 @@ from tests.estimate.judged_skin import (
     INNER,
     NO_TOUCH,
     PATCH,
-    PERIOD_NS,
     TOP,
     N,
     Skin,
@@ -181,30 +180,6 @@ def test_tactels_beside_a_narrow_tip_that_presses_one_place_again_and_again_are_
             skin.read(touch, cycles=30)
             skin.read(cycles=15)
         assert skin.faulty == []
-
-
-def test_tips_that_look_like_one_and_press_one_place_again_and_again_make_no_tactel_dead():
-    skin = Skin(2061)  # where without another place one is
-    touches, rng = Touches(skin.rng), skin.rng
-    touch = np.zeros(N)
-    for board in range(ARM.n_patches):
-        for _ in range(rng.integers(1, 4)):
-            touch += touches.press(rng.integers(8), 10.0 ** rng.uniform(-0.3, 1.5), [board], 0.012)
-    skin.read(cycles=30)
-    for _ in range(6):
-        skin.read(touch, cycles=30)
-        skin.read(cycles=15)
-    assert skin.faulty == []
-
-
-def test_readings_without_noise_are_not_frozen():
-    baseline, plausibility = Baseline(ARM), Plausibility(ARM)
-    fresh = np.ones(ARM.n_patches, np.bool_)
-    for n in range(1000):
-        raw = press(0.12, 0.0, 10.0 if 200 <= n < 600 else 0.0)
-        plausibility.judge(raw, n * PERIOD_NS, fresh, baseline)
-        baseline.apply(raw, n * PERIOD_NS, fresh)
-    assert not plausibility.n_faulty.any()
 
 
 @pytest.mark.parametrize("cycles", [1, 2, 3])

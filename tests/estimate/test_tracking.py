@@ -114,19 +114,6 @@ def test_more_contacts_than_slots_are_kept_without_one_and_the_oldest_gets_the_n
     assert tracks.slot[waited] == 0
 
 
-def test_identity_in_sight_is_not_given_again():
-    film = Film()
-    shown = set()
-    for n in range(600):
-        tracks = film.show((0, 0.1, 0.0), (1, 0.05 + 0.1 * (n % 4), 0.0))
-        assert len(set(tracks.id.tolist())) == len(tracks)
-        assert tracks.id.min() >= 1
-        assert tracks.id.max() <= 255
-        shown |= set(tracks.identity.tolist())
-    assert tracks.id[0] == 1
-    assert len(shown) == 601
-
-
 def test_reset_forgets_tracks_but_not_which_identities_were_given(film):
     film.show((0, 0.1, 0.0))
     film.tracker.reset()

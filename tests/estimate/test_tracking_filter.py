@@ -61,12 +61,6 @@ def test_order_of_contacts_changes_no_bit(seed, order):
         assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 
 
-@given(SEEDS, st.integers(-(10**18), 10**18))
-def test_time_of_day_changes_no_bit(seed, t0):
-    for a, b in zip(play(seed), play(seed, t0=t0), strict=True):
-        assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
-
-
 @given(SEEDS, st.floats(0.0, 1.0))
 def test_shift_around_the_cylinder_shifts_the_tracks(seed, turn):
     surface = SURFACES[0]

@@ -1,8 +1,5 @@
 """Boards that are pressed with errors of place and force, and what may be wrong in a file of presses."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,12 +18,12 @@ class PressedBoards:
 
     arm: Arm
     table: PressTable
-    read: Callable[[np.ndarray], np.ndarray]
+    read: object
     """Readings (n, n_tactels) Pa for true touches (n, 3): s, a, force."""
-    rng: np.random.Generator
+    rng: object
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, *, small: bool = False) -> PressedBoards:
+    def draw(cls, rng, small=False):
         """Return boards of one kind on a plane or a tube; layout, gains, noise, converter, presses vary.
 
         ``small``: one board of few tactels, pressed 60 times.
@@ -62,7 +59,7 @@ class PressedBoards:
         gain = 1.0 + rng.choice([0.03, 0.08]) * rng.standard_normal(arm.n_tactels)
         noise = float(rng.choice([20.0, 60.0, 150.0]))
 
-        def read(touches: np.ndarray) -> np.ndarray:
+        def read(touches):
             felt = np.array([feel(touch[None]) for touch in touches]) * gain
             noisy = felt + noise * rng.standard_normal(felt.shape)
             return transducer.pressure(transducer.counts(noisy))
@@ -71,14 +68,12 @@ class PressedBoards:
         return cls(arm, cls._pressed(arm, read, rng, each), read, rng)
 
     @staticmethod
-    def _pressed(
-        arm: Arm, read: Callable[[np.ndarray], np.ndarray], rng: np.random.Generator, each: int
-    ) -> PressTable:
+    def _pressed(arm, read, rng, each):
         one_force = rng.random() < 0.3
         force = rng.uniform(3.0, 15.0, each * arm.n_patches)
         if one_force:
             force[:] = 8.0
-        s, a, patch = [], [], []
+        places = []
         for p in range(arm.n_patches):
             uv = np.asarray(arm.patches[p].patch.tactels_uv)
             low, high = uv.min(axis=0) - 0.004, uv.max(axis=0) + 0.004
@@ -87,12 +82,8 @@ class PressedBoards:
                 columns = int(np.ceil(np.sqrt(each)))
                 steps = np.stack(np.divmod(np.arange(each), columns), -1) / (columns - 1)
                 at = low + steps * (high - low)
-            placed = arm.patches[p]
-            cos, sin = np.cos(placed.yaw), np.sin(placed.yaw)
-            s.append(placed.s + cos * at[:, 0] - sin * at[:, 1])
-            a.append(placed.a + sin * at[:, 0] + cos * at[:, 1])
-            patch.append(np.full(each, p))
-        s, a, patch = (np.concatenate(x) for x in (s, a, patch))
+            places.append(on_chart(arm.patches[p], at))
+        (s, a), patch = np.concatenate(places, axis=1), np.repeat(np.arange(arm.n_patches), each)
         readings = read(np.column_stack([s, a, force]))
         for p in range(arm.n_patches):
             readings[patch != p, arm.tactels_of(p)] = np.nan
@@ -108,7 +99,7 @@ class PressedBoards:
             pressures=readings,
         )
 
-    def error(self, arm: Arm) -> float:
+    def error(self, arm):
         """Return the error of places (m, 68 %) of an arm that holds a calibration, at new touches."""
         rng, off = self.rng, []
         estimator = Estimator(arm, "fit")
@@ -116,9 +107,7 @@ class PressedBoards:
         for p, placed in enumerate(self.arm.patches):
             uv = np.asarray(placed.patch.tactels_uv)
             at = rng.uniform(uv.min(axis=0), uv.max(axis=0), (40, 2))
-            cos, sin = np.cos(placed.yaw), np.sin(placed.yaw)
-            s = placed.s + cos * at[:, 0] - sin * at[:, 1]
-            a = placed.a + sin * at[:, 0] + cos * at[:, 1]
+            s, a = on_chart(placed, at)
             readings = self.read(np.column_stack([s, a, rng.uniform(4.0, 12.0, 40)])) * gain
             for k, row in enumerate(readings):
                 found = estimator.update(row, 1000 * p + k)
@@ -130,13 +119,17 @@ class PressedBoards:
         return float(np.quantile(off, 0.68))
 
 
-def _chart(table: PressTable, uv: np.ndarray) -> PressTable:
-    s, a = np.zeros(len(table)), np.zeros(len(table))
+def on_chart(placed, uv):
+    """Return where points (n, 2) of a board are: s and a, m."""
+    cos, sin = np.cos(placed.yaw), np.sin(placed.yaw)
+    return np.array([[placed.s], [placed.a]]) + np.array([[cos, -sin], [sin, cos]]) @ uv.T
+
+
+def _chart(table, uv):
+    s, a = np.zeros((2, len(table)))
     for p, placed in enumerate(table.arm.patches):
         rows = table.patch == p
-        cos, sin = np.cos(placed.yaw), np.sin(placed.yaw)
-        s[rows] = placed.s + cos * uv[rows, 0] - sin * uv[rows, 1]
-        a[rows] = placed.a + sin * uv[rows, 0] + cos * uv[rows, 1]
+        s[rows], a[rows] = on_chart(placed, uv[rows])
     return replace(table, s=s, a=a)
 
 

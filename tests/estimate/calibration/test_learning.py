@@ -107,18 +107,6 @@ def test_missing_saturated_and_dead_readings_change_nothing_else():
     np.testing.assert_allclose(np.delete(learned.gain, 5), np.delete(gain, 5), rtol=1e-2)
 
 
-def test_presses_through_the_wrap_of_a_cylinder_are_near_where_they_are():
-    surface = Surface.cylinder(0.06, 0.05)
-    half = 0.5 * surface.period
-    board = Patch(tactels_uv=grid(4, 4, 0.010), transducer=Transducer(full_scale=1e6))
-    arm = Arm("ring", [Link("l", surface)], [PlacedPatch(patch=board, node_id=1, link=0, s=0.03, a=half)])
-    rng = np.random.default_rng(SEED)
-    s, a = 0.03 + rng.uniform(-0.02, 0.02, 100), half + rng.uniform(-0.02, 0.02, 100)
-    d = surface.distance(s[:, None], a[:, None], arm.tactel_s, arm.tactel_a)
-    learned = learn_radial_law(arm, s, surface.wrap(a), np.full(100, 5.0), 5.0 * profile(d))
-    assert learned.law.profile(0.0) == pytest.approx(profile(0.0), rel=1e-2)
-
-
 @pytest.mark.parametrize("forces", [(5.0, 5.0), (2.0, 20.0)], ids=["one force", "many forces"])
 def test_learning_comes_to_rest_where_no_radial_law_is_true_and_says_how_wrong_it_is(forces):
     arm, law = pad(), Cone(2e6)

@@ -12,8 +12,8 @@ SEED = 20261122
 @pytest.fixture(scope="module")
 def learned():
     """A surrogate at 9.9 mm, 300 presses of it, two of them displaced by 5 mm, and what is learned."""
-    surrogate = Surrogate(9.9e-3, np.random.default_rng(SEED))
-    presses = surrogate.presses(300, mislabelled=2)
+    surrogate = Surrogate(np.random.default_rng(SEED))
+    presses = surrogate.presses(300, 2)
     return surrogate, presses, learn_radial_law(surrogate.arm, presses.s, presses.a, None, presses.readings)
 
 
@@ -40,8 +40,8 @@ def test_response_predicts_presses_it_was_not_learned_from(learned):
 
 def test_map_is_refused_where_residuals_are_noise():
     rng = np.random.default_rng(SEED)
-    surrogate = Surrogate(9.9e-3, rng)
-    presses = surrogate.presses(200, mislabelled=0)
+    surrogate = Surrogate(rng)
+    presses = surrogate.presses(200, 0)
     d = np.hypot(presses.s[:, None] - surrogate.arm.tactel_s, presses.a[:, None] - surrogate.arm.tactel_a)
     readings = PEAK * np.exp(-0.5 * (d / 0.0028) ** 2) + 100.0 * rng.standard_normal(d.shape)
     assert learn_radial_law(surrogate.arm, presses.s, presses.a, None, readings).residual_map is None

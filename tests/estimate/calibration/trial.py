@@ -21,7 +21,7 @@ class Outcome(NamedTuple):
     """m, of places at new touches; 0 where it was refused."""
 
     @property
-    def verdict(self) -> str:
+    def verdict(self):
         """In one word."""
         if self.judgement.faults:
             return "refused"
@@ -32,7 +32,7 @@ class Outcome(NamedTuple):
         return "accepted and said" if is_said else "WRONG"
 
 
-def outcome(seed: object, corrupt=None, **options) -> Outcome:
+def outcome(seed, corrupt=None, **options):
     """Return what comes of presses drawn by a seed, and corrupted."""
     rng = np.random.default_rng(seed)
     boards = PressedBoards.draw(rng, **options)

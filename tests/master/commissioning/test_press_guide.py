@@ -41,23 +41,3 @@ def test_wrong_presses_are_named_and_asked_for_again():
     bench.obey()
     (made,) = bench.guide.presses
     assert (made.s, made.a, made.force) == (pytest.approx(s), pytest.approx(a), FORCE_N)
-
-
-@pytest.mark.slow
-def test_presses_are_taken_back_left_out_and_gone_on_with():
-    bench = Bench(SEED + 2)
-    first = bench.asked()
-    bench.obey()
-    second = bench.asked()
-    assert second != first
-    bench.type("undo")
-    assert (bench.asked(), bench.guide.presses) == (first, [])
-    bench.type("skip")
-    assert bench.asked() != first
-    assert "is no answer" in bench.type("what")[0]
-    bench.obey()
-    bench.type("quit")
-    assert bench.guide.is_over
-    assert bench.guide.is_quit
-    again = Bench(SEED + 2, presses=bench.guide.presses)
-    assert "[2/30]" in again.lines[-1]

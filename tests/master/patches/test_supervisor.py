@@ -3,7 +3,6 @@
 import pytest
 
 from skinbus.can.frame import Frame
-from skinbus.master import Master
 from skinbus.master.level_control import CycleFlags
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
@@ -199,18 +198,6 @@ def test_emcy_is_over_when_the_error_register_says_so_not_with_the_first_error_t
     assert [code for code, _ in emcy(frames)] == [EmcyCode.NO_ERROR]
     assert arm.master.device.get(0x2302, NODE) == 0
     assert_all_well(arm)
-
-
-@pytest.mark.slow
-def test_master_that_starts_on_a_running_bus_takes_it_over(arm):
-    """A master was killed and another one begins: every patch is booted again, all is well in a second."""
-    reports = []
-    fresh = Master(arm.scene.arm, on_cycle=reports.append)
-    arm.wire.detach(arm.wire.ports[1])
-    arm.wire.attach(fresh)
-    arm.run(1000)
-    assert reports[-1].n_fresh == 24
-    assert {int(state) for state in fresh.table.state} == {STATES.OPERATIONAL}
 
 
 @pytest.mark.slow
