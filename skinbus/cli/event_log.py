@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from skinbus.can.event import Event
@@ -26,14 +27,13 @@ def wall_stamp(t: float) -> str:
     return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(t)) + f".{int(10 * t) % 10}"
 
 
+@dataclass(slots=True)
 class _Stretch:
-    """Events of a kind on a bus in a stretch of time: lines that wait, by detail, and the rest."""
+    """A stretch of time: lines of a kind of events on a bus, and the nodes of those that are not shown."""
 
-    def __init__(self, since: float) -> None:
-        self.since = since
-        self.groups: dict[str, tuple[float, set[int]]] = {}
-        self.n_lines = self.n_more = 0
-        self.more: set[int] = set()
+    since: float
+    n: int = 0
+    more: set[int] = field(default_factory=set)
 
 
 class EventLog:
@@ -53,6 +53,7 @@ class EventLog:
         self._say, self._now, self._stamp = say, now, stamp
         self._names = tuple(map(printable, names)) if len(names) > 1 else ()
         self._new: deque[tuple[float, Event]] = deque(maxlen=MAX_WAITING)
+        self._groups: dict[tuple[int, str, str], tuple[float, set[int]]] = {}
         self._stretches: dict[tuple[int, str], _Stretch] = {}
 
     def take(self, event: Event) -> None:
@@ -63,23 +64,24 @@ class EventLog:
         """Say what is older than a moment, or everything at the end."""
         while self._new:
             t, event = self._new.popleft()
-            stretch = self._stretches.setdefault((event.bus, str(event.kind)), _Stretch(t))
-            if event.detail not in stretch.groups and stretch.n_lines < BURST:
-                stretch.groups[event.detail] = t, set()
-                stretch.n_lines += 1
-            stretch.n_more += event.detail not in stretch.groups
-            _, node_ids = stretch.groups.get(event.detail, (t, stretch.more))
-            node_ids |= {event.node_id} - {0}
+            group = self._groups.setdefault((event.bus, str(event.kind), event.detail), (t, set()))
+            group[1].update({event.node_id} - {0})
         now = self._now()
-        for (bus, kind), stretch in list(self._stretches.items()):
-            for detail, (since, node_ids) in list(stretch.groups.items()):
-                if all_of_it or now - since >= MOMENT_S:
-                    del stretch.groups[detail]
+        for key, (since, node_ids) in list(self._groups.items()):
+            if all_of_it or now - since >= MOMENT_S:
+                del self._groups[key]
+                bus, kind, detail = key
+                stretch = self._stretches.setdefault((bus, kind), _Stretch(since))
+                stretch.n += 1
+                if stretch.n <= BURST:
                     self._line(since, bus, kind, node_ids, detail)
-            if all_of_it or (now - stretch.since >= WINDOW_S and not stretch.groups):
+                else:
+                    stretch.more |= node_ids
+        for (bus, kind), stretch in list(self._stretches.items()):
+            if all_of_it or now - stretch.since >= WINDOW_S:
                 del self._stretches[bus, kind]
-                if stretch.n_more:
-                    more = f"{counted(stretch.n_more, 'time')} more in {now - stretch.since:.0f} s"
+                if (n := stretch.n - BURST) > 0:
+                    more = f"{counted(n, 'time')} more in {now - stretch.since:.0f} s"
                     self._line(now, bus, kind, stretch.more, more)
 
     def _line(self, t: float, bus: int, kind: str, node_ids: set[int], detail: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TextIO
 
@@ -32,8 +31,6 @@ READING: Final = np.dtype(
     ]
 )
 """A reading; ``zeroed_pa`` is NaN where the master did not use it; x, y, z are m in the frame of the link."""
-SHOWN_EVERY: Final = 100
-"""Cycles, after which the progress is shown."""
 COVARIANCES: Final = ("cov_s_s", "cov_s_a", "cov_s_force", "cov_a_a", "cov_a_force", "cov_force_force")
 """The upper triangle of a covariance, row by row."""
 CONTACT_COLUMNS: Final = (
@@ -73,7 +70,6 @@ class Recorded(Replayed):
             ConfigError: the log cannot be read, holds no frame, or its times are none.
             AddressError: which interface is which bus cannot be decided.
         """
-        self._console = console
         with compiling(console):
             super().__init__(log, arm, channels, level=level, zero=zero, on_event=on_event)
         arm = self.arm
@@ -93,14 +89,6 @@ class Recorded(Replayed):
         """Time since the first frame, s."""
         return 1e-9 * self.replay.timeline.now_ns
 
-    def __iter__(self) -> Iterator[RecordedCycle]:
-        """Go through them, and show on a terminal how far it is."""
-        with self._console.status("") if self._console.is_terminal else nullcontext() as status:
-            for made in super().__iter__():
-                yield made
-                if status and made.cycle.number % SHOWN_EVERY == 0:
-                    status.update(f"{self.recording.reader.name} ... {self.now_s:.0f} s")
-
     def has_readings(self) -> bool:
         """Return whether a patch of the arm sent readings, and say so if none did."""
         if self.replay.master.table.last_fresh.any():
@@ -118,23 +106,19 @@ class Recorded(Replayed):
             f"readings: {counted(used.accepted, 'frame')} used, {used.late} late, {used.missing} missing, "
             f"{used.bad_length} of wrong length; {counted(taken.n_others, 'other frame')}"
         )
-        others = [(n, "frame", f" of {name}") for name, n in sorted(self.recording.elsewhere.items())]
-        if reader.first_strange:
-            others.append(
-                (reader.n_strange, "line", f" without a frame, the first at {reader.first_strange.key}")
-            )
-        kinds = [(taken.n_error, "error frame", ""), (taken.n_remote, "remote frame", ""), *others]
+        kinds = [(taken.n_error, "error frame", ""), (taken.n_remote, "remote frame", "")]
+        kinds += [(n, "frame", f" of {name}") for name, n in sorted(self.recording.elsewhere.items())]
+        if first := reader.first_strange:
+            kinds.append((reader.n_strange, "line", f" without a frame, the first at {first.key}"))
         left_out = [counted(n, thing) + where for n, thing, where in kinds if n]
-        left_out += ["the last line, which is not whole"] * reader.is_cut
-        if left_out:
+        if left_out := left_out + ["the last line, which is not whole"] * reader.is_cut:
             yield f"left out: {'; '.join(left_out)}"
         if reader.n_dropped:
             yield f"the recorder had no room for {counted(reader.n_dropped, 'frame')}"
         if n_jumps := self.replay.timeline.n_jumps:
             yield f"the clock of the log jumped {counted(n_jumps, 'time')}"
-        silent = self.replay.master.table.last_fresh == 0
-        for where in nodes_by_bus(self.arm, silent):
-            yield f"no readings of {where}"
+        silent = nodes_by_bus(self.arm, self.replay.master.table.last_fresh == 0)
+        yield from (f"no readings of {where}" for where in silent)
 
     def made(self, cycle: Cycle, report: CycleReport) -> RecordedCycle:
         """Return a cycle with the readings of the boards that sent them."""

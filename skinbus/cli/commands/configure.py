@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from itertools import groupby
 
 import click
@@ -77,33 +78,32 @@ def change_rows(ods: Ods, results: Mapping[int, Provisioned]) -> dict[tuple[str,
     """Return the nodes behind each change (object, old, new); many values of an object are counted."""
     rows: dict[tuple[str, str, str], list[int]] = {}
     for node_id, result in sorted(results.items()):
+        od = ods[node_id]
         for index, changes in groupby(result.changes, lambda change: change.index):
-            (one, *others), od = list(changes), ods[node_id]
-            where, variable = f"0x{index:04X}", None if others else od.get_variable(index, one.sub)
-            name = getattr(variable or od.get(index), "name", "")
-            old, new = f"{1 + len(others)} values", ""
+            (one, *others) = changes
+            where, name = f"0x{index:04X}", getattr(od.get(index), "name", "")
+            texts = f"{1 + len(others)} values", ""
             if not others:
-                where += f":{one.sub:02X}"
-                old, new = value_text(variable, one.old), value_text(variable, one.new)
-            rows.setdefault((f"{where} {name}".strip(), old, new), []).append(node_id)
+                where, variable = f"{where}:{one.sub:02X}", od.get_variable(index, one.sub)
+                name = getattr(variable, "name", name)
+                texts = value_text(variable, one.old), value_text(variable, one.new)
+            rows.setdefault((f"{where} {name}".strip(), *texts), []).append(node_id)
     return rows
 
 
 def value_text(variable: ODVariable | None, data: bytes | None) -> str:
     """Return a value as text; bytes that do not fit its type as they are."""
-    if data is None:
-        return "?"
-    try:
-        value = data if variable is None else variable.decode_raw(data)
-    except (ValueError, ObjectDictionaryError):
-        value = data
-    if isinstance(value, bytes):
-        return value.hex(" ")
-    if (
-        variable is not None
-        and variable.index < cia.NMT_STARTUP
-        and isinstance(value, int)
-        and value > 0xFFFF
-    ):
-        return f"0x{value:08X}"  # COB-IDs and mappings
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    value: object = data
+    if data is not None and variable is not None:
+        with suppress(ValueError, ObjectDictionaryError):
+            value = variable.decode_raw(data)
+    match value:
+        case None:
+            return "?"
+        case bytes():
+            return value.hex(" ")
+        case float():
+            return f"{value:.6g}"
+        case int() if value > 0xFFFF and variable is not None and variable.index < cia.NMT_STARTUP:
+            return f"0x{value:08X}"  # COB-IDs and mappings
+    return str(value)

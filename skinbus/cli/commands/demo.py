@@ -13,7 +13,6 @@ from rich.live import Live
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import REFRESH_S, compiling
-from skinbus.cli.live import Screen
 from skinbus.cli.options import level_option
 from skinbus.cli.stop_signals import Ending
 from skinbus.estimate import TrackState
@@ -21,6 +20,7 @@ from skinbus.sim import load_scene
 from skinbus.skin.contact import Level
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.simulated import simulate
+from skinbus.view.screen import Screen
 
 GATE: Final = 0.020
 """m; a contact further than this from a touch is not that touch: two tactels of the default board."""

@@ -12,13 +12,13 @@ from rich.live import Live
 
 from skinbus.cli.console import Console
 from skinbus.cli.host import REFRESH_S
-from skinbus.cli.live import Screen
 from skinbus.cli.options import BusesWords, buses_options, seconds_option
 from skinbus.cli.output import echo
 from skinbus.cli.stop_signals import Ending
 from skinbus.config.system import load_arm
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.listened import listen
+from skinbus.view.screen import Screen
 
 SILENT_S: Final = 1.0
 """A master that was not heard for so long has gone."""

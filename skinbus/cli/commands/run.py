@@ -20,7 +20,6 @@ from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes_by_bus
 from skinbus.cli.host import REFRESH_S, Host, compiling
-from skinbus.cli.live import Screen
 from skinbus.cli.notify import Notifier
 from skinbus.cli.options import (
     BusesWords,
@@ -46,6 +45,7 @@ from skinbus.skin.cycle import Cycle
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.opened import refuse_other_master
 from skinbus.skin.shared_memory import SharedWriter
+from skinbus.view.screen import Screen
 
 REMEMBERED: Final = 100_000
 """Cycles whose compute times the summary is made of, the last of a long run."""

@@ -5,9 +5,9 @@ import io
 import pytest
 
 from skinbus.cli.console import Console
-from skinbus.cli.live import Screen
 from skinbus.config.system import load_arm
 from skinbus.skin.master_cycles import CycleMaker
+from skinbus.view.screen import Screen
 from skinbus.view.unrolled import CONTACT_STYLE, LOST, Unrolled
 from tests.master.rig import Rig
 
