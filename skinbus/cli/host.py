@@ -36,7 +36,10 @@ REFRESH_S = 0.1
 
 @contextmanager
 def compiling(console: Console) -> Iterator[None]:
-    """Say why the first start takes long when kernels are compiled; Ctrl-C and SIGTERM end it between two."""
+    """Say why the first start takes long, with a dot for each kernel that is compiled, on a terminal.
+
+    Ctrl-C and SIGTERM end it between two kernels.
+    """
     begin: list[float] = []
 
     def say() -> None:
@@ -44,15 +47,19 @@ def compiling(console: Console) -> Iterator[None]:
             raise KeyboardInterrupt
         if not begin:  # one line for all that needs it
             fault = kernel_folder().fault
-            why = f"no cache: {fault}" if fault else "first run after installation; they are cached"
-            console.print(f"compiling the kernels ({why}) ...")
+            why = f"no cache: {fault}" if fault else "once, they are cached"
+            console.print(f"compiling kernels ({why}): 10 s, for fit 25 s, on an idle machine")
             begin.append(time.monotonic())
+        if console.is_terminal:
+            console.print(".", end="")
 
     with Ending() as ending, on_compile(say):
         yield
     if ending.asked:
         raise KeyboardInterrupt
     if begin:
+        if console.is_terminal:
+            console.print()
         console.print(f"compiled in {time.monotonic() - begin[0]:.0f} s")
 
 

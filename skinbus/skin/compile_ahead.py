@@ -34,9 +34,9 @@ def first_level(level: str) -> str:
     return level if kernel_folder().path is None or is_kept(level) else LEVELS[0]
 
 
-def compile_for(master: Master, level: str) -> subprocess.Popen[bytes]:
-    """Have a level compiled by a process that outlives this one, and then allowed to a master."""
-    process = subprocess.Popen(
+def start_compiling() -> subprocess.Popen[bytes]:
+    """Have all levels compiled by a process that outlives this one."""
+    return subprocess.Popen(
         WARM,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
@@ -44,10 +44,13 @@ def compile_for(master: Master, level: str) -> subprocess.Popen[bytes]:
         start_new_session=True,
     )
 
+
+def allow_when_compiled(master: Master, level: str, process: subprocess.Popen[bytes]) -> None:
+    """Allow a level to a master when the process that compiles it has ended."""
+
     def wait() -> None:
         process.wait()
         if is_kept(level):  # else it could not be compiled: the master stays below it
             master.allow(level)
 
     threading.Thread(target=wait, name="skinbus-compile", daemon=True).start()
-    return process

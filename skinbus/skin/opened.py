@@ -24,7 +24,7 @@ from skinbus.master import CycleReport, Master
 from skinbus.master.other_master import OtherMaster
 from skinbus.model import Arm
 from skinbus.skin.addresses import BusAddress, find_places, shown
-from skinbus.skin.compile_ahead import compile_for, first_level
+from skinbus.skin.compile_ahead import allow_when_compiled, first_level, start_compiling
 from skinbus.skin.contact import Level
 from skinbus.skin.feed import Feed, Positions, offer, set_zero
 from skinbus.skin.master_cycles import CycleMaker
@@ -98,7 +98,7 @@ def refuse_other_master(bus: Bus, place: BusAddress, patience_s: float) -> None:
 
 @cache
 def _say_why() -> None:
-    LOG.warning("compiling the kernels: a minute or so, once; `skinbus doctor warm` does it ahead")
+    LOG.warning("compiling kernels, once: 10 s, for fit 25 s; `skinbus doctor warm` does it ahead")
 
 
 def saying_why() -> AbstractContextManager[None]:
@@ -121,6 +121,7 @@ class _MasterFeed(Feed):
         with ExitStack() as stack:
             buses = [stack.enter_context(closing(place.open())) for place in places]
             available = first_level(level)
+            compiler = start_compiling() if available != level else None
             with saying_why():
                 self._master = Master(
                     arm,
@@ -147,8 +148,8 @@ class _MasterFeed(Feed):
             )
             undo.pop_all()
         self._thread.start()
-        if available != level:
-            compile_for(self._master, level)
+        if compiler:
+            allow_when_compiled(self._master, level, compiler)
 
     def zero(self, patch: int | None) -> None:
         """Take new zeros at the end of the next cycle."""

@@ -24,9 +24,7 @@ def run(code, folder):
 
 @pytest.mark.slow  # compiles for a minute
 def test_compiling_is_done_once_and_goes_on_when_who_asked_for_it_has_ended(tmp_path):
-    ask = (
-        "import os; print(first_level('fit'), *(compile_for(None, 'fit').pid for _ in range(2)), flush=True)"
-    )
+    ask = "import os; print(first_level('fit'), *(start_compiling().pid for _ in range(2)), flush=True)"
     available, *pids = run(f"{ask}; os._exit(0)", tmp_path).stdout.split()  # as one that is killed
     assert available == "kmeans"
     end = time.monotonic() + PATIENCE_S
@@ -47,7 +45,7 @@ def test_level_that_is_compiled_while_the_master_runs_is_used_from_then_on(monke
     rig = Rig("pad", level="fit", available="kmeans")
     reports, _, _ = rig.run(3000)
     assert {report.level for report in reports} == {"kmeans"}
-    compile_ahead.compile_for(rig.master, "fit").wait(PATIENCE_S)
+    compile_ahead.allow_when_compiled(rig.master, "fit", compile_ahead.start_compiling())
     for thread in threading.enumerate():
         if thread.name == "skinbus-compile":
             thread.join(PATIENCE_S)

@@ -91,7 +91,8 @@ def _time_levels(arm: Arm, console: Console) -> dict[str, int]:
     from skinbus.study.instant import time_cycles
 
     n = min(Beside().contacts, arm.n_patches)
-    with compiling(console), console.status("timing the levels on this machine ..."):
+    console.print("timing the levels on this machine ...")
+    with compiling(console):
         return {
             # Time of this thread: what other programs take is not a property of the plan.
             level: round(

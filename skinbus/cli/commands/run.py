@@ -40,7 +40,7 @@ from skinbus.master.memory import Memory
 from skinbus.master.patches.table import PatchState
 from skinbus.model import Arm
 from skinbus.skin.addresses import find_places, shown
-from skinbus.skin.compile_ahead import compile_for, first_level
+from skinbus.skin.compile_ahead import allow_when_compiled, first_level, start_compiling
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.opened import refuse_other_master
@@ -109,6 +109,7 @@ def command(
         # The buses are opened first: one that cannot be is reported at once; frames are received meanwhile.
         listening = [ears.enter_context(closing(place.open())) for place in places]
         available = first_level(level)
+        compiler = start_compiling() if available != level else None
         with compiling(console):
             run.start(level=level, available=available, budget_us=budget_us, zero_at_start=zero)
         for ear, place in zip(listening, places, strict=True):
@@ -129,9 +130,9 @@ def command(
         patches = f"{counted(loaded.n_patches, 'patch')} on {shown(places)}"
         echo(f"{loaded.name}: {patches}, SYNC at {loaded.bus.rate_hz:g} Hz; Ctrl-C stops")
         stack.enter_context(host)
-        if available != level:
+        if compiler:
             run.say(f"contacts of level {available} until {level} is compiled")
-            compile_for(run.master, level)
+            allow_when_compiled(run.master, level, compiler)
         if quiet or not console.is_terminal:
             host.wait(seconds, then=run.save)
         else:
