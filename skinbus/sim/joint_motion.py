@@ -34,9 +34,9 @@ class JointMotion:
         if arm.robot is None:
             raise ValueError(f"{arm.name} has no robot")
         self.names = chain.names
-        self.moved = tuple(paths)
-        """Names of the joints that have a path."""
-        fixed = {joint.name: joint.fixed or 0.0 for joint in arm.robot.joints}
+        fixed = {joint.name: joint.fixed for joint in arm.robot.joints if joint.fixed is not None}
+        self.free = tuple(name for name in chain.names if name not in fixed)
+        """Names of the joints that the arm file does not fix."""
         self._paths = [paths.get(name, np.array([[0.0, fixed.get(name, 0.0)]])) for name in chain.names]
 
     def positions(self, t_s: float) -> Floats:

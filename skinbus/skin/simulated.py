@@ -80,7 +80,7 @@ def simulate(
 
         def follow(now_ns: int, t_s: float) -> None:
             here = zip(motion.names, motion.positions(t_s).tolist(), strict=True)
-            offer(master, now_ns, {name: position for name, position in here if name in motion.moved})
+            offer(master, now_ns, {name: position for name, position in here if name in motion.free})
 
         world.on_sample = follow
     what = f"scene {scene}" if isinstance(scene, str | Path) else "a scene"
