@@ -93,24 +93,24 @@ class Contacts:
     @classmethod
     def from_workspace(cls, work: Work, t_ns: int, unit: float = 1.0) -> Self:
         """Return copies of the columns that the last cycle left in a workspace; ``unit`` is its length, m."""
-        n = int(work.n_contacts[0])
-        covariance = work.covariance[:n].copy()
+        rows = np.flatnonzero(work.alive[: work.n_contacts[0]])
+        covariance, place = work.covariance[rows], work.place[rows]
         if unit != 1.0:  # on boards of the usual size it is
             metres = np.array([unit, unit, 1.0])
             covariance *= metres[:, None] * metres
         return cls(
             t_ns=t_ns,
-            link=work.link[:n].copy(),
-            s=work.place[:n, 0] * unit,
-            a=work.place[:n, 1] * unit,
-            force=np.exp(work.place[:n, 2]),
-            patch=work.patch[:n].copy(),
-            level=_LEVEL_NAMES[work.level[:n]],
-            n_tactels=work.n_tactels[:n].copy(),
-            quality=work.quality[:n].copy(),
-            status=work.status[:n].copy(),
-            size=work.place[:n, 3].copy(),
-            residual=work.residual[:n].copy(),
+            link=work.link[rows],
+            s=place[:, 0] * unit,
+            a=place[:, 1] * unit,
+            force=np.exp(place[:, 2]),
+            patch=work.patch[rows],
+            level=_LEVEL_NAMES[work.level[rows]],
+            n_tactels=work.n_tactels[rows],
+            quality=work.quality[rows],
+            status=work.status[rows],
+            size=place[:, 3].copy(),
+            residual=work.residual[rows],
             covariance=covariance,
         )
 

@@ -12,12 +12,15 @@ from skinbus.estimate.budget import MONOTONIC, Clock, begin, set_budget
 from skinbus.estimate.contacts import DEFAULT_LEVEL, LEVELS, Contacts
 from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.kernels.board_offset import FAINT, subtract_offsets
-from skinbus.estimate.kernels.layout import Bools, Floats, Layout, compile_layout, length_unit, pitch_of
+from skinbus.estimate.kernels.layout import Floats, Layout, compile_layout, length_unit, pitch_of
 from skinbus.estimate.kernels.workspace import (
     FREE,
     HELD,
+    K,
     NO_VALUE,
     PATCH_CLUSTERS,
+    RANDOM,
+    RANK,
     SATURATED,
     VALUE,
     Search,
@@ -31,8 +34,6 @@ from skinbus.estimate.search.groups import search_contacts
 from skinbus.estimate.validation import check_arm, check_integer, check_time
 from skinbus.jit import inner_kernel, kernel, runtime_int
 from skinbus.model import Arm
-
-Touches = npt.NDArray[np.int8]
 
 
 class Estimator:
@@ -93,13 +94,9 @@ class Estimator:
         self._search = make_search(self._layout)
         self._search.pitch[0] = pitch_of(self._layout)
         self._tables = array_table(self._layout), array_table(self._work), array_table(self._search)
-        self._k = 0 if k is None else min(operator.index(k), PATCH_CLUSTERS)
-        self._random = start == "random"
-        self._pressures = np.zeros(arm.n_tactels)
-        self._valid = np.ones(arm.n_tactels, np.bool_)
-        self._touched = np.zeros(arm.n_tactels, np.int8)
+        self._work.options[:] = 0 if k is None else min(operator.index(k), PATCH_CLUSTERS), start == "random", 0
         set_budget(self._work.work, arm.n_tactels, None, None, None)
-        self._run(self._touched, self._rank)
+        self._run(self._rank)
         self._work.random[0] = 1 + seed % 2147483646  # the generator's states are 1 ... 2^31 - 2
 
     def allow(self, level: str) -> None:
@@ -137,7 +134,7 @@ class Estimator:
             raise TypeError("pressures must be real numbers, got complex ones")
         if np.ma.is_masked(pressures) or np.ma.is_masked(valid):
             raise ValueError("pressures and valid must not be masked: say what is missing by `valid`")
-        self._pressures[:] = pressures  # in an array of one kind: kernels are compiled for no other
+        self._work.pressure[:] = pressures
         self._take_valid(valid)
         rank = self._rank
         if level is not None:
@@ -149,7 +146,8 @@ class Estimator:
         else:
             _check_budget(budget_us, self._clock)
         set_budget(self._work.work, self.arm.n_tactels, self._clock, budget_us, self._budget_work)
-        self._run(self._feel(baseline), rank)
+        self._feel(baseline)
+        self._run(rank)
         return Contacts.from_workspace(self._work, t_ns, self._unit)
 
     @property
@@ -157,18 +155,18 @@ class Estimator:
         """Pressures that the fits of the last cycle have evaluated: its work."""
         return int(self._work.work[0])
 
-    def _run(self, touched: Touches, rank: int) -> None:
-        cycle = CYCLES[self._rank]
-        cycle(*self._tables, self._pressures, self._valid, touched, self._k, self._random, rank)
+    def _run(self, rank: int) -> None:
+        self._work.options[RANK] = rank
+        CYCLES[self._rank](*self._tables)
 
-    def _feel(self, baseline: Baseline | None) -> Touches:
-        """Return what each tactel feels, (n_tactels,); bring noise and limits to those of the baseline."""
+    def _feel(self, baseline: Baseline | None) -> None:
+        """Write what each tactel feels; bring noise and limits to those of the baseline."""
         if baseline is None:
             self._sigma[:] = self._own_sigma
             self._limit[:] = self._own_limit
             # to FREE and TOUCHED
-            np.greater_equal(self._pressures, self._layout.threshold, out=self._touched.view(np.bool_))
-            return self._touched
+            np.greater_equal(self._work.pressure, self._layout.threshold, out=self._work.felt.view(np.bool_))
+            return
         if baseline.arm.n_tactels != self.arm.n_tactels:
             raise ValueError(
                 f"the baseline is of {baseline.arm.name}, with other tactels than {self.arm.name}"
@@ -180,20 +178,14 @@ class Estimator:
         np.maximum(self._sigma, self._own_sigma, out=self._sigma)
         # The zero is off the pressure, so full scale has moved by it.
         np.subtract(self._own_limit, felt.zero, out=self._limit)
-        return felt.touched
+        self._work.felt[:] = felt.touched
 
     def _take_valid(self, valid: npt.ArrayLike | None) -> None:
         n, m = self.arm.n_patches, self.arm.n_tactels
-        if valid is None:
-            self._valid[:] = True
-            return
-        flags = np.asarray(valid, np.bool_)
-        if flags.shape == (m,):
-            self._valid[:] = flags
-        elif flags.shape == (n,):
-            np.take(flags, self.arm.tactel_patch, out=self._valid)
-        else:
+        flags = np.ones(m, np.bool_) if valid is None else np.asarray(valid, np.bool_)
+        if flags.shape not in ((n,), (m,)):
             raise ValueError(f"valid must have shape ({n},) or ({m},), got {flags.shape}")
+        self._work.valid[:] = flags[self.arm.tactel_patch] if len(flags) == n else flags
 
 
 def _check_budget(budget_us: float | None, clock: Clock | None) -> None:
@@ -212,35 +204,16 @@ def _read_only(column: Floats) -> Floats:
 
 
 @kernel
-def cycle_kmeans(
-    lay: Layout,
-    w: Work,
-    q: Search,
-    p: Floats,
-    valid: Bools,
-    touched: Touches,
-    k: int,
-    random: bool,
-    rank: int,
-) -> None:
+def cycle_kmeans(lay: Layout, w: Work, q: Search) -> None:
     """Run a cycle of level ``kmeans``."""
-    find_clusters(lay, w, p, valid, touched, k, random, False)
+    find_clusters(lay, w, False)
 
 
 @kernel
-def cycle_search(
-    lay: Layout,
-    w: Work,
-    q: Search,
-    p: Floats,
-    valid: Bools,
-    touched: Touches,
-    k: int,
-    random: bool,
-    rank: int,
-) -> None:
+def cycle_search(lay: Layout, w: Work, q: Search) -> None:
     """Run a cycle of any level."""
-    find_clusters(lay, w, p, valid, touched, k, random, rank > 0)
+    rank = w.options[RANK]
+    find_clusters(lay, w, rank > 0)
     if rank > 0:
         search_contacts(lay, w, q, rank > 1)
 
@@ -250,58 +223,41 @@ CYCLES = (cycle_kmeans, cycle_search, cycle_search)
 
 
 @inner_kernel
-def find_clusters(
-    lay: Layout,
-    w: Work,
-    pressures: Floats,
-    valid: Bools,
-    touched: Touches,
-    k_wanted: int,
-    random: bool,
-    faint: bool,
-) -> None:
+def find_clusters(lay: Layout, w: Work, faint: bool) -> None:
     """Take the pressures of a cycle and write the contacts of level ``kmeans``."""
     begin(w)
-    take_pressures(lay, w, pressures, valid, touched, faint)
+    take_pressures(lay, w, faint)
+    subtract_offsets(lay, w, faint)
     n_clusters = runtime_int(0)
     for patch in range(len(lay.patch_link)):
         if w.touched[patch]:
-            n_clusters += cluster_patch(lay, w, patch, n_clusters, k_wanted, random)
+            n_clusters += cluster_patch(lay, w, patch, n_clusters, w.options[K], w.options[RANDOM] != 0)
     merge_clusters(lay, w, n_clusters)
     write_contacts(lay, w, n_clusters, FAINT_EVIDENCE if faint else EVIDENCE)
 
 
 @inner_kernel
-def take_pressures(
-    lay: Layout, w: Work, pressures: Floats, valid: Bools, touched: Touches, faint: bool
-) -> None:
+def take_pressures(lay: Layout, w: Work, faint: bool) -> None:
     """Copy the pressures, made finite and within full scale; note the state of each tactel.
 
-    ``faint`` also takes tactels as touched that are not: what they make must prove itself later. What a board
-    has in common below its threshold is subtracted then.
+    ``faint`` also takes tactels as touched that are not: what they make must prove itself later.
     """
-    p_out, state, active, held, label = w.p, w.state, w.active, w.held, w.label
-    healthy, limits, start = lay.healthy, lay.limit, lay.patch_start
-    sigma, bias = lay.sigma, lay.bias
-    gaps = 0
+    state, active, held, start = w.state, w.active, w.held, lay.patch_start
     for patch in range(len(start) - 1):
         any_touched = False
         for i in range(start[patch], start[patch + 1]):
-            p, limit = pressures[i], limits[i]
-            label[i] = -1
+            p, limit = w.pressure[i], lay.limit[i]
+            w.label[i] = -1
             active[i] = held[i] = False
             # a tactel whose zero is at full scale, or whose gain is 0, has nothing left to say
-            if not (valid[i] and healthy[i] and np.isfinite(p) and limit > 0.0):
-                p_out[i] = 0.0
+            if not (w.valid[i] and lay.healthy[i] and np.isfinite(p) and limit > 0.0):
+                w.p[i] = 0.0
                 state[i] = NO_VALUE
-                gaps += 1
                 continue
             state[i] = SATURATED if p >= limit else VALUE
-            p_out[i] = min(max(p, -limit), limit) - bias[i]
+            w.p[i] = min(max(p, -limit), limit) - lay.bias[i]
             # no branch: of tactels that nothing touches every second one reads more than nothing
-            is_felt = (p > 0.0) & ((touched[i] != FREE) | (faint & (p >= FAINT * sigma[i])))
-            active[i], held[i] = is_felt, is_felt & (touched[i] == HELD)
+            is_felt = (p > 0.0) & ((w.felt[i] != FREE) | (faint & (p >= FAINT * lay.sigma[i])))
+            active[i], held[i] = is_felt, is_felt & (w.felt[i] == HELD)
             any_touched |= is_felt
         w.touched[patch] = any_touched
-    w.n_gaps[0] = gaps
-    subtract_offsets(lay, w, faint)

@@ -154,31 +154,22 @@ def residual_at(lay: Layout, i: int, ds: float, da: float) -> tuple[float, float
     if not (1.0 <= u < points - 2 and 1.0 <= v < points - 2):
         return 0.0, 0.0, 0.0
     p, q = int(u), int(v)
-    x, y = u - p, v - q
-    y0, dy0 = catmull_rom(0, y)
-    y1, dy1 = catmull_rom(1, y)
-    y2, dy2 = catmull_rom(2, y)
-    y3, dy3 = catmull_rom(3, y)
     r = r_u = r_v = 0.0
-    for a in range(4):
-        wx, dx = catmull_rom(a, x)
-        k = p - 1 + a
-        v0, v1 = values[row, k, q - 1], values[row, k, q]
-        v2, v3 = values[row, k, q + 1], values[row, k, q + 2]
-        along = y0 * v0 + y1 * v1 + y2 * v2 + y3 * v3
-        r += wx * along
-        r_u += dx * along
-        r_v += wx * (dy0 * v0 + dy1 * v1 + dy2 * v2 + dy3 * v3)
+    for k in range(p - 1, p + 3):
+        by_u, slope_u = catmull_rom(u - k)
+        for m in range(q - 1, q + 3):
+            by_v, slope_v = catmull_rom(v - m)
+            value = values[row, k, m]
+            r += by_u * by_v * value
+            r_u += slope_u * by_v * value
+            r_v += by_u * slope_v * value
     return r, (cos * r_u - sin * r_v) / step, (sin * r_u + cos * r_v) / step
 
 
 @inner_kernel
-def catmull_rom(a: int, t: float) -> tuple[float, float]:
-    """Return the weight of point a of four around t (from 0 to 1, after the second), and its derivative."""
-    if a == 0:
-        return -0.5 * t * (1.0 - t) * (1.0 - t), -0.5 * (1.0 - t) * (1.0 - 3.0 * t)
-    if a == 1:
-        return 1.0 + t * t * (1.5 * t - 2.5), t * (4.5 * t - 5.0)
-    if a == 2:
-        return 0.5 * t * (1.0 + t * (4.0 - 3.0 * t)), 0.5 + t * (4.0 - 4.5 * t)
-    return 0.5 * t * t * (t - 1.0), 0.5 * t * (3.0 * t - 2.0)
+def catmull_rom(t: float) -> tuple[float, float]:
+    """Return the weight of a point t steps before a place, from -2 to 2, and its derivative by t."""
+    x, sign = abs(t), math.copysign(1.0, t)
+    if x < 1.0:
+        return 1.0 + x * x * (1.5 * x - 2.5), sign * x * (4.5 * x - 5.0)
+    return 2.0 + x * (x * (2.5 - 0.5 * x) - 4.0), sign * (x * (5.0 - 1.5 * x) - 4.0)

@@ -69,16 +69,12 @@ class Layout(NamedTuple):
     map_of: Ints  # row of the tactel's map of residuals, -1 for none
     edge_start: Ints
     edge_to: Ints
-    seam_start: Ints  # those of the edges that lead to another patch
-    seam_to: Ints
     patch_start: Ints
     patch_link: Ints
     patch_s: Floats
     patch_a: Floats
     patch_reach: Floats  # (1,) furthest of any tactel from the centre of its patch, m
-    by_s: Ints  # patches in the order of link and s
     board: Floats  # (n_patches, 4) cos and sin of yaw, half extents with half a seam, m
-    extent: Floats  # (n_patches, 2) half extents of the tactels about the centre, m
     near_start: Ints  # patches side by side with each patch
     near_to: Ints
     link: Floats  # (n_links, 4) radius, taper, period, length
@@ -116,16 +112,16 @@ def compile_layout(arm: Arm) -> Layout:
     )
     scale = np.array([[placed.scale] for placed in arm.patches])
     size = np.array([p.size for p in patches]) * scale / unit
-    extent = np.stack([_extent(p.tactels_uv) for p in patches]) * scale / unit
+    extent = np.stack([np.ptp(p.tactels_uv, axis=0) for p in patches]) * scale / unit
     margin = 0.5 * np.max(np.maximum(size - extent, 0.0), axis=1)
     yaw = np.array([placed.yaw for placed in arm.patches])
     board = np.stack([np.cos(yaw), np.sin(yaw), 0.5 * size[:, 0] + SEAM, 0.5 * size[:, 1] + SEAM], -1)
     near_start, near_to = _pairs_to_rows(
         _patches_side_by_side(tactel_s, tactel_a, start, link, margin, links), len(patches)
     )
-    edges = _edges(tactel_s, tactel_a, start, link, margin, near_start, near_to, links)
-    edge_start, edge_to = _pairs_to_rows(edges, arm.n_tactels)
-    seam_start, seam_to = _pairs_to_rows(edges[patch[edges[:, 0]] != patch[edges[:, 1]]], arm.n_tactels)
+    edge_start, edge_to = _pairs_to_rows(
+        _edges(tactel_s, tactel_a, start, link, margin, near_start, near_to, links), arm.n_tactels
+    )
 
     columns = Layout(
         s=tactel_s,
@@ -144,16 +140,12 @@ def compile_layout(arm: Arm) -> Layout:
         map_of=map_of,
         edge_start=edge_start,
         edge_to=edge_to,
-        seam_start=seam_start,
-        seam_to=seam_to,
         patch_start=start,
         patch_link=link,
         patch_s=patch_s,
         patch_a=patch_a,
         patch_reach=from_centre.max(keepdims=True),
-        by_s=np.lexsort((patch_s, link)),
         board=board,
-        extent=np.stack([np.abs(p.tactels_uv).max(axis=0) for p in patches]) * scale / unit,
         near_start=near_start,
         near_to=near_to,
         link=links,
@@ -318,10 +310,6 @@ def _maps(patches: list[Patch], unit: float) -> tuple[Ints, Floats, Floats]:
         row_of.append(n_maps + np.arange(p.n_tactels))
         n_maps += p.n_tactels
     return np.concatenate(row_of).astype(np.int64), np.concatenate(values), np.concatenate(steps)
-
-
-def _extent(uv: Floats) -> Floats:
-    return np.asarray(uv.max(axis=0) - uv.min(axis=0))
 
 
 def _frozen(column: npt.NDArray[Any]) -> npt.NDArray[Any]:

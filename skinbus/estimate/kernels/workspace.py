@@ -28,14 +28,19 @@ FREE, TOUCHED, HELD = 0, 1, 2
 """What a tactel feels: nothing, a touch, one that it has felt in the cycle before."""
 NO_VALUE, VALUE, SATURATED = 0, 1, 2
 """State of a tactel in this cycle: no value, its pressure, or that the pressure is at least its limit."""
+K, RANDOM, RANK = range(3)
+"""Places in ``Work.options``: contacts of a touched patch, 0 to choose; whether starts are random; level."""
 
 
 class Work(NamedTuple):
     """Buffers of a cycle; n = n_tactels, c = most clusters and contacts."""
 
+    options: Ints  # (3,)
+    pressure: Floats  # (n,) Pa, as handed in
+    valid: Bools  # (n,) whether the reading is there
+    felt: npt.NDArray[np.int8]  # (n,)
     p: Floats  # (n,) Pa, finite
     state: npt.NDArray[np.int8]  # (n,)
-    n_gaps: Ints  # (1,) tactels without a value
     active: Bools  # (n,) touched in this cycle
     held: Bools  # (n,) touched in the cycle before, too
     touched: Bools  # (n_patches,)
@@ -57,11 +62,9 @@ class Work(NamedTuple):
     cluster_x: Floats  # (c,) m, developed about its patch
     cluster_y: Floats
     cluster_root: Ints  # (c,) union-find over clusters: those of one contact share a root
-    cluster_joined: Bools  # (c,) whether others were joined to this root
-    pair_a: Ints  # (16 c,) bordering clusters of different patches
-    pair_b: Ints
-    pair_saddle: Floats  # (16 c,) Pa, the lower of the two tactels where they meet
-    pair_slope: Floats  # (16 c,) Pa, the higher of them
+    border: Ints  # (16 c, 2) tactels where clusters of different patches meet
+    first_of: Ints  # (c,) the first tactel of a root
+    next_of: Ints  # (n,) the next tactel of the same root, -1 after the last
 
     n_contacts: Ints  # (1,)
     link: Ints  # (c,) columns of the contacts of this cycle
@@ -136,9 +139,12 @@ def make_workspace(lay: Layout) -> Work:
         return np.zeros(size, np.bool_)
 
     return Work(
+        options=ints(3),
+        pressure=np.zeros(n),
+        valid=np.ones(n, np.bool_),
+        felt=np.zeros(n, np.int8),
         p=np.zeros(n),
         state=np.zeros(n, np.int8),
-        n_gaps=ints(1),
         active=flags(n),
         held=flags(n),
         touched=flags(len(sizes)),
@@ -157,11 +163,9 @@ def make_workspace(lay: Layout) -> Work:
         cluster_x=np.zeros(c),
         cluster_y=np.zeros(c),
         cluster_root=ints(c),
-        cluster_joined=flags(c),
-        pair_a=ints(16 * c),
-        pair_b=ints(16 * c),
-        pair_saddle=np.zeros(16 * c),
-        pair_slope=np.zeros(16 * c),
+        border=np.zeros((16 * c, 2), np.int64),
+        first_of=ints(c),
+        next_of=ints(n),
         n_contacts=ints(1),
         link=ints(c),
         place=np.zeros((c, 4)),

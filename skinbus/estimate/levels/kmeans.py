@@ -68,10 +68,6 @@ def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
     """
     p, state, active, parent, order, starts = w.p, w.state, w.active, w.parent, w.order, w.starts
     edge_start, edge_to, sigma = lay.edge_start, lay.edge_to, lay.sigma
-    top = find_only_maximum(lay, w, i0, i1)
-    if top >= 0:
-        starts[0] = top
-        return 1
     n = 0
     for i in range(i0, i1):
         parent[i] = -1
@@ -109,31 +105,6 @@ def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
 
 
 @inner_kernel
-def find_only_maximum(lay: Layout, w: Work, i0: int, i1: int) -> int:
-    """Return the tactel that is the only maximum of a patch; -1 where there may be others, or gaps.
-
-    Every touched tactel but the highest has a higher neighbour then: the way up ends in one place.
-    """
-    p, active, edge_start, edge_to = w.p, w.active, lay.edge_start, lay.edge_to
-    top = i0
-    for i in range(i0, i1):
-        if w.state[i] == NO_VALUE:
-            return -1
-        if p[i] > p[top]:
-            top = i
-    if not active[top]:
-        return -1
-    for i in range(i0, i1):
-        if active[i] and i != top:
-            e, last = edge_start[i], edge_start[i + 1]
-            while e < last and not (i0 <= edge_to[e] < i1 and p[edge_to[e]] > p[i]):
-                e += 1
-            if e == last:
-                return -1
-    return top
-
-
-@inner_kernel
 def _join(p: Floats, sigma: Floats, active: Bools, parent: Ints, starts: Ints, i: int, j: int, k: int) -> int:
     """Join the peaks of i, which is being met, and its neighbour j; return the number of maxima kept."""
     if parent[j] < 0:
@@ -144,11 +115,16 @@ def _join(p: Floats, sigma: Floats, active: Bools, parent: Ints, starts: Ints, i
     if p[high] < p[low] or (p[high] == p[low] and high > low):
         high, low = low, high
     parent[low] = high
-    if low != i and active[low]:
-        depth = p[low] - p[i]
-        if depth > STANDS_OUT * sigma[low] and depth > DIP * p[low]:
-            return _keep(p, starts, low, k)
+    if low != i and active[low] and stands_out(p, sigma, low, p[i]):
+        return _keep(p, starts, low, k)
     return k
+
+
+@inner_kernel
+def stands_out(p: Floats, sigma: Floats, i: int, saddle: float) -> bool:
+    """Return whether tactel i is far enough above a saddle (Pa): by more than noise and gains make it."""
+    depth = p[i] - saddle
+    return bool(depth > STANDS_OUT * sigma[i] and depth > DIP * p[i])
 
 
 @inner_kernel
@@ -257,7 +233,6 @@ def drop_empty(w: Work, patch: int, i0: int, i1: int, first: int, k: int) -> int
         to = first + kept
         w.cluster_x[to], w.cluster_y[to] = w.cluster_x[first + c], w.cluster_y[first + c]
         w.cluster_patch[to], w.cluster_peak[to], w.cluster_root[to] = patch, peak[c], to
-        w.cluster_joined[to] = False
         peak[c] = to
         kept += 1
     for i in range(i0, i1):

@@ -23,9 +23,9 @@ import math
 from skinbus.estimate.kernels.board_places import off_board, onto_board
 from skinbus.estimate.kernels.geometry import develop, distance, surface_of, undevelop
 from skinbus.estimate.kernels.law import log_force_of, pressure
-from skinbus.estimate.kernels.layout import Floats, Ints, Layout
+from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.workspace import NO_VALUE, Work
-from skinbus.estimate.levels.kmeans import DIP, STANDS_OUT, find_root
+from skinbus.estimate.levels.kmeans import find_root, stands_out
 from skinbus.jit import inner_kernel, runtime_int
 
 SPILL = 0.05
@@ -40,171 +40,90 @@ FAINT_EVIDENCE = 18.0
 
 
 @inner_kernel
-def list_borders(lay: Layout, w: Work, n_clusters: int) -> int:
-    """Write the pairs of bordering clusters of different patches, highest saddle first; return how many.
-
-    At a corner one tactel is the saddle to two patches: then what is on its other side decides, not which
-    patch has the lower number.
-    """
-    edge_start, edge_to, label, state = lay.edge_start, lay.edge_to, w.label, w.state
-    if w.n_gaps[0] == 0:  # there is nothing to step over: those on the other side of a seam are enough
-        edge_start, edge_to = lay.seam_start, lay.seam_to
-    pair_a, pair_b, pair_saddle, pair_slope = w.pair_a, w.pair_b, w.pair_saddle, w.pair_slope
-    n_pairs = runtime_int(0)
-    for patch in range(len(lay.patch_link)):
-        if not w.touched[patch]:
-            continue
-        known = runtime_int(n_pairs)  # pairs of earlier patches: none of them is met again
-        for i in range(lay.patch_start[patch], lay.patch_start[patch + 1]):
-            if label[i] < 0:
-                continue
-            for e in range(edge_start[i], edge_start[i + 1]):
-                j = edge_to[e]
-                if state[j] != NO_VALUE and label[j] < 0:
+def list_borders(lay: Layout, w: Work) -> int:
+    """Write the borders of clusters of different patches to ``border``, highest saddle first; return how many."""
+    n = runtime_int(0)
+    for patch in range(len(w.touched)):
+        for i in range(lay.patch_start[patch], lay.patch_start[patch + 1] if w.touched[patch] else 0):
+            for e in range(lay.edge_start[i], lay.edge_start[i + 1] if w.label[i] >= 0 else 0):
+                j = lay.edge_to[e]
+                if w.state[j] != NO_VALUE:
+                    n = note_border(lay, w, i, j, n)
                     continue
-                if state[j] != NO_VALUE:
-                    n_pairs = _note_border(
-                        lay.patch, w.p, label, pair_a, pair_b, pair_saddle, pair_slope, i, j, known, n_pairs
-                    )
-                    continue
-                for f in range(edge_start[j], edge_start[j + 1]):
-                    j2 = edge_to[f]
-                    n_pairs = _note_border(
-                        lay.patch, w.p, label, pair_a, pair_b, pair_saddle, pair_slope, i, j2, known, n_pairs
-                    )
-    for root in range(n_pairs // 2 - 1, -1, -1):
-        _sink(w, root, n_pairs)
-    for end in range(n_pairs - 1, 0, -1):
-        _swap(w, 0, end)
-        _sink(w, runtime_int(0), end)
-    return n_pairs
-
-
-@inner_kernel
-def _sink(w: Work, i: int, n: int) -> None:
-    """Restore the heap of n pairs, the one to be tried last on top, below row i (heapsort)."""
-    while True:
-        child = 2 * i + 1
-        if child >= n:
-            return
-        if child + 1 < n and _is_before(w, child, child + 1):
-            child += 1
-        if not _is_before(w, i, child):
-            return
-        _swap(w, i, child)
-        i = child
-
-
-@inner_kernel
-def _is_before(w: Work, i: int, j: int) -> bool:
-    """Return whether the border in row i is to be tried before that in row j."""
-    if w.pair_saddle[i] != w.pair_saddle[j]:
-        return bool(w.pair_saddle[i] > w.pair_saddle[j])
-    if w.pair_slope[i] != w.pair_slope[j]:
-        return bool(w.pair_slope[i] > w.pair_slope[j])
-    if w.pair_a[i] != w.pair_a[j]:
-        return bool(w.pair_a[i] < w.pair_a[j])
-    return bool(w.pair_b[i] < w.pair_b[j])
-
-
-@inner_kernel
-def _swap(w: Work, i: int, j: int) -> None:
-    """Exchange two rows of the table of borders."""
-    w.pair_a[i], w.pair_a[j] = w.pair_a[j], w.pair_a[i]
-    w.pair_b[i], w.pair_b[j] = w.pair_b[j], w.pair_b[i]
-    w.pair_saddle[i], w.pair_saddle[j] = w.pair_saddle[j], w.pair_saddle[i]
-    w.pair_slope[i], w.pair_slope[j] = w.pair_slope[j], w.pair_slope[i]
-
-
-@inner_kernel
-def _note_border(
-    patch: Ints,
-    p: Floats,
-    label: Ints,
-    pair_a: Ints,
-    pair_b: Ints,
-    pair_saddle: Floats,
-    pair_slope: Floats,
-    i: int,
-    j: int,
-    known: int,
-    n_pairs: int,
-) -> int:
-    """Note that the clusters of tactels i and j border on each other; return the number of pairs."""
-    if patch[j] <= patch[i] or label[j] < 0:
-        return n_pairs
-    a, b = label[i], label[j]
-    saddle, slope = min(p[i], p[j]), max(p[i], p[j])
-    for o in range(known, n_pairs):
-        if pair_a[o] == a and pair_b[o] == b:
-            if saddle > pair_saddle[o] or (saddle == pair_saddle[o] and slope > pair_slope[o]):
-                pair_saddle[o], pair_slope[o] = saddle, slope
-            return n_pairs
-    if n_pairs == len(pair_a):
-        return n_pairs
-    pair_a[n_pairs], pair_b[n_pairs], pair_saddle[n_pairs], pair_slope[n_pairs] = a, b, saddle, slope
-    return n_pairs + 1
-
-
-@inner_kernel
-def merge_clusters(lay: Layout, w: Work, n_clusters: int) -> None:
-    """Give clusters of one contact one root in ``cluster_root``."""
-    n_pairs = list_borders(lay, w, n_clusters)
-    for o in range(n_pairs):
-        a = find_root(w.cluster_root, w.pair_a[o])
-        b = find_root(w.cluster_root, w.pair_b[o])
-        if a == b:
-            continue
-        peak_a, peak_b = w.cluster_peak[a], w.cluster_peak[b]
-        if w.p[peak_a] < w.p[peak_b]:
-            a, b, peak_a, peak_b = b, a, peak_b, peak_a
-        depth = w.p[peak_b] - w.pair_saddle[o]
-        if depth > STANDS_OUT * lay.sigma[peak_b] and depth > DIP * w.p[peak_b]:
-            continue
-        w.cluster_root[b] = a
-        w.cluster_joined[a] = True
-
-
-@inner_kernel
-def list_members(lay: Layout, w: Work, n_clusters: int, root: int) -> int:
-    """List the touched tactels of a root in ``member``; return how many."""
-    label, root_of, patch_of, member = w.label, w.cluster_root, w.cluster_patch, w.member
-    n, last = 0, -1
-    alone = not w.cluster_joined[root]
-    for c in range(root if alone else 0, root + 1 if alone else n_clusters):
-        # clusters are in the order of their patches: each patch is listed once
-        if find_root(root_of, c) != root or patch_of[c] == last:
-            continue
-        last = patch_of[c]
-        for i in range(lay.patch_start[last], lay.patch_start[last + 1]):
-            if label[i] >= 0 and find_root(root_of, label[i]) == root:
-                member[n] = i
-                n += 1
+                for f in range(lay.edge_start[j], lay.edge_start[j + 1]):
+                    n = note_border(lay, w, i, lay.edge_to[f], n)
     return n
 
 
 @inner_kernel
-def describe(lay: Layout, w: Work, n_clusters: int, root: int, place: Floats) -> tuple[int, int, float]:
-    """Write (s, a, log F) of the tactels of a root as one contact to ``place``.
+def note_border(lay: Layout, w: Work, i: int, j: int, n: int) -> int:
+    """Insert tactels i and j into the list of n borders, unless a valley divides them; return its new length.
+
+    At a corner one tactel is the saddle to two patches: then what is on its other side decides, not which
+    patch has the lower number.
+    """
+    p, border, label = w.p, w.border, w.label
+    if lay.patch[j] <= lay.patch[i] or label[j] < 0 or n == len(border):
+        return n
+    saddle, slope, a, b = min(p[i], p[j]), max(p[i], p[j]), w.cluster_peak[label[i]], w.cluster_peak[label[j]]
+    if stands_out(p, lay.sigma, a if p[a] < p[b] else b, saddle):  # nor is there less of one between their roots
+        return n
+    o = runtime_int(n)
+    while o > 0:
+        u, v = border[o - 1, 0], border[o - 1, 1]
+        low = min(p[u], p[v])
+        if low > saddle or (low == saddle and max(p[u], p[v]) >= slope):
+            break
+        border[o, 0], border[o, 1] = u, v
+        o -= 1
+    border[o, 0], border[o, 1] = i, j
+    return n + 1
+
+
+@inner_kernel
+def merge_clusters(lay: Layout, w: Work, n_clusters: int) -> None:
+    """Give clusters of one contact one root in ``cluster_root``, and list the tactels of each root.
+
+    The first is in ``first_of``, the next in ``next_of``, up to -1.
+    """
+    p, peak, root_of, label = w.p, w.cluster_peak, w.cluster_root, w.label
+    for o in range(list_borders(lay, w)):
+        i, j = w.border[o, 0], w.border[o, 1]
+        a, b = find_root(root_of, label[i]), find_root(root_of, label[j])
+        if p[peak[a]] < p[peak[b]]:
+            a, b = b, a
+        if a != b and not stands_out(p, lay.sigma, peak[b], min(p[i], p[j])):
+            root_of[b] = a
+    for c in range(n_clusters):
+        w.first_of[c] = -1
+    for i in range(len(label) - 1, -1, -1):
+        if label[i] >= 0:
+            root = find_root(root_of, label[i])
+            w.next_of[i], w.first_of[root] = w.first_of[root], i
+
+
+@inner_kernel
+def describe(lay: Layout, w: Work, root: int, place: Floats) -> tuple[int, int, float]:
+    """Write (s, a, log F) of the tactels of a root as one contact to ``place``, the tactels to ``member``.
 
     Returns the number of tactels, the tactel of the largest pressure and sum (p/sigma)^2.
     """
-    n = list_members(lay, w, n_clusters, root)
     p, member, tactel_s, tactel_a, tactel_law, sigma = w.p, w.member, lay.s, lay.a, lay.law, lay.sigma
     link, peak = lay.patch_link[w.cluster_patch[root]], w.cluster_peak[root]
     surface = surface_of(lay.link, link)
 
     # pressure-weighted centroid on the surface, developed about the strongest tactel (eq. 4)
     s0, a0 = tactel_s[peak], tactel_a[peak]
-    mass, x, y, evidence = 0.0, 0.0, 0.0, 0.0
-    for t in range(n):
-        i = member[t]
+    mass, x, y, evidence, n, i = 0.0, 0.0, 0.0, 0.0, 0, w.first_of[root]
+    while i >= 0:
+        member[n] = i
         xi, yi = develop(surface, tactel_s[i], tactel_a[i], a0)
         mass += p[i]
         x += p[i] * (xi - s0)
         y += p[i] * yi
         z = p[i] / sigma[i]
         evidence += z * z
+        n, i = n + 1, w.next_of[i]
     place[0], place[1] = undevelop(surface, s0 + x / mass, y / mass, a0)
     keep_on_boards(lay, w, link, n, place)
 
@@ -253,7 +172,7 @@ def write_contacts(lay: Layout, w: Work, n_clusters: int, least: float) -> None:
     for c in range(n_clusters):
         if find_root(w.cluster_root, c) != c:
             continue
-        n, peak, evidence = describe(lay, w, n_clusters, c, w.place[k])
+        n, peak, evidence = describe(lay, w, c, w.place[k])
         is_held = False
         for t in range(n):
             is_held |= w.held[w.member[t]]
@@ -262,8 +181,7 @@ def write_contacts(lay: Layout, w: Work, n_clusters: int, least: float) -> None:
         w.link[k] = lay.patch_link[lay.patch[peak]]
         w.patch[k] = lay.patch[peak]
         w.n_tactels[k] = n
-        w.level[k], w.status[k] = 0, 0
-        w.quality[k] = 0
+        w.level[k] = w.status[k] = w.quality[k] = 0
         w.proof[k] = 2 if is_held else 1 if evidence >= EVIDENCE else 0
         w.residual[k] = 0.0
         w.covariance[k] = 0.0

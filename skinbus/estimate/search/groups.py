@@ -72,18 +72,11 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
             solve_group(lay, w, q, first, turn > 0, full)
             if w.work[MOST] >= 0:  # else the time is over
                 w.work[MOST] = most
-    kept = 0
     for c in range(w.n_contacts[0]):
-        if not w.alive[c]:
-            continue
-        if w.level[c] == 0:  # no time was left for its group
-            if w.proof[c] == 0:
-                continue
+        if w.alive[c] and w.level[c] == 0:  # no time was left for its group
+            w.alive[c] = w.proof[c] > 0
             w.quality[c] |= OVER_BUDGET
             write_unfitted(lay, w, q, c)
-        move_contact(w, c, kept)
-        kept += 1
-    w.n_contacts[0] = kept
 
 
 @inner_kernel
@@ -95,18 +88,6 @@ def write_unfitted(lay: Layout, w: Work, q: Search, c: int) -> None:
     w.covariance[c] = 0.0
     w.covariance[c, 0, 0] = w.covariance[c, 1, 1] = q.pitch[0] ** 2
     w.covariance[c, 2, 2] = math.exp(2.0 * place[2])
-
-
-@inner_kernel
-def move_contact(w: Work, c: int, to: int) -> None:
-    """Copy the columns of a contact to another row."""
-    w.link[to], w.patch[to], w.n_tactels[to], w.level[to] = w.link[c], w.patch[c], w.n_tactels[c], w.level[c]
-    w.quality[to], w.status[to], w.residual[to] = w.quality[c], w.status[c], w.residual[c]
-    for x in range(4):
-        w.place[to, x] = w.place[c, x]
-    for x in range(3):
-        for y in range(3):
-            w.covariance[to, x, y] = w.covariance[c, x, y]
 
 
 @inner_kernel
