@@ -11,25 +11,25 @@ from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.budget import MONOTONIC, Clock, begin, set_budget
 from skinbus.estimate.contacts import DEFAULT_LEVEL, LEVELS, Contacts
 from skinbus.estimate.kernels.array_table import array_table
-from skinbus.estimate.kernels.board_offset import FAINT, subtract_offsets
+from skinbus.estimate.kernels.board_offset import subtract_offsets
 from skinbus.estimate.kernels.layout import Floats, Layout, compile_layout, length_unit, pitch_of
 from skinbus.estimate.kernels.workspace import (
     FREE,
     HELD,
-    K,
     NO_VALUE,
     PATCH_CLUSTERS,
     RANDOM,
     RANK,
     SATURATED,
     VALUE,
+    K,
     Search,
     Work,
     make_search,
     make_workspace,
 )
 from skinbus.estimate.levels.kmeans import cluster_patch
-from skinbus.estimate.levels.merge import EVIDENCE, FAINT_EVIDENCE, merge_clusters, write_contacts
+from skinbus.estimate.levels.merge import merge_clusters, write_contacts
 from skinbus.estimate.search.groups import search_contacts
 from skinbus.estimate.validation import check_arm, check_integer, check_time
 from skinbus.jit import inner_kernel, kernel, runtime_int
@@ -94,7 +94,11 @@ class Estimator:
         self._search = make_search(self._layout)
         self._search.pitch[0] = pitch_of(self._layout)
         self._tables = array_table(self._layout), array_table(self._work), array_table(self._search)
-        self._work.options[:] = 0 if k is None else min(operator.index(k), PATCH_CLUSTERS), start == "random", 0
+        self._work.options[:] = (
+            0 if k is None else min(operator.index(k), PATCH_CLUSTERS),
+            start == "random",
+            0,
+        )
         set_budget(self._work.work, arm.n_tactels, None, None, None)
         self._run(self._rank)
         self._work.random[0] = 1 + seed % 2147483646  # the generator's states are 1 ... 2^31 - 2
@@ -206,14 +210,14 @@ def _read_only(column: Floats) -> Floats:
 @kernel
 def cycle_kmeans(lay: Layout, w: Work, q: Search) -> None:
     """Run a cycle of level ``kmeans``."""
-    find_clusters(lay, w, False)
+    find_clusters(lay, w)
 
 
 @kernel
 def cycle_search(lay: Layout, w: Work, q: Search) -> None:
     """Run a cycle of any level."""
     rank = w.options[RANK]
-    find_clusters(lay, w, rank > 0)
+    find_clusters(lay, w)
     if rank > 0:
         search_contacts(lay, w, q, rank > 1)
 
@@ -223,25 +227,22 @@ CYCLES = (cycle_kmeans, cycle_search, cycle_search)
 
 
 @inner_kernel
-def find_clusters(lay: Layout, w: Work, faint: bool) -> None:
+def find_clusters(lay: Layout, w: Work) -> None:
     """Take the pressures of a cycle and write the contacts of level ``kmeans``."""
     begin(w)
-    take_pressures(lay, w, faint)
-    subtract_offsets(lay, w, faint)
+    take_pressures(lay, w)
+    subtract_offsets(lay, w)
     n_clusters = runtime_int(0)
     for patch in range(len(lay.patch_link)):
         if w.touched[patch]:
             n_clusters += cluster_patch(lay, w, patch, n_clusters, w.options[K], w.options[RANDOM] != 0)
     merge_clusters(lay, w, n_clusters)
-    write_contacts(lay, w, n_clusters, FAINT_EVIDENCE if faint else EVIDENCE)
+    write_contacts(lay, w, n_clusters)
 
 
 @inner_kernel
-def take_pressures(lay: Layout, w: Work, faint: bool) -> None:
-    """Copy the pressures, made finite and within full scale; note the state of each tactel.
-
-    ``faint`` also takes tactels as touched that are not: what they make must prove itself later.
-    """
+def take_pressures(lay: Layout, w: Work) -> None:
+    """Copy the pressures, made finite and within full scale; note the state of each tactel."""
     state, active, held, start = w.state, w.active, w.held, lay.patch_start
     for patch in range(len(start) - 1):
         any_touched = False
@@ -257,7 +258,7 @@ def take_pressures(lay: Layout, w: Work, faint: bool) -> None:
             state[i] = SATURATED if p >= limit else VALUE
             w.p[i] = min(max(p, -limit), limit) - lay.bias[i]
             # no branch: of tactels that nothing touches every second one reads more than nothing
-            is_felt = (p > 0.0) & ((w.felt[i] != FREE) | (faint & (p >= FAINT * lay.sigma[i])))
+            is_felt = (p > 0.0) & (w.felt[i] != FREE)
             active[i], held[i] = is_felt, is_felt & (w.felt[i] == HELD)
             any_touched |= is_felt
         w.touched[patch] = any_touched

@@ -45,9 +45,8 @@ class Work(NamedTuple):
     held: Bools  # (n,) touched in the cycle before, too
     touched: Bools  # (n_patches,)
     pressed: Bools  # (n_patches,) for certain, whatever their offsets
-    offset_variance: (
-        Floats  # (n_patches, 2) Pa^2 of what is not known of a zero: usually, and if it has moved
-    )
+    offset: Floats  # (n_patches,) Pa, the median of a touched patch
+    offset_variance: Floats  # (n_patches,) Pa^2 of what is not known of a zero if it has moved
     label: Ints  # (n,) cluster of the tactel, -1 for none
     parent: Ints  # (n,) union-find over tactels, -1 for not met yet
     order: Ints  # (n,) scratch list of tactels
@@ -76,7 +75,6 @@ class Work(NamedTuple):
     status: Ints
     residual: Floats
     covariance: Floats  # (c, 3, 3) of s, a, force
-    proof: Ints  # (c,) of a contact: 0 none, 1 its readings, 2 a tactel of it was touched before
     alive: Bools  # (c,) False for contacts taken back
     group: Ints  # (c,) first contact of its group
     again: Bools  # (c,) whether the group of this first contact is to be solved
@@ -149,7 +147,8 @@ def make_workspace(lay: Layout) -> Work:
         held=flags(n),
         touched=flags(len(sizes)),
         pressed=flags(len(sizes)),
-        offset_variance=np.zeros((len(sizes), 2)),
+        offset=np.zeros(len(sizes)),
+        offset_variance=np.zeros(len(sizes)),
         label=ints(n),
         parent=ints(n),
         order=ints(n),
@@ -176,7 +175,6 @@ def make_workspace(lay: Layout) -> Work:
         status=ints(c),
         residual=np.zeros(c),
         covariance=np.zeros((c, 3, 3)),
-        proof=ints(c),
         alive=flags(c),
         group=ints(c),
         again=flags(c),

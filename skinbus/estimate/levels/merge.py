@@ -35,13 +35,11 @@ LOG_FORCE_MIN, LOG_FORCE_MAX = -46.0, 46.0
 EVIDENCE = 42.0
 """Sum of (p/sigma)^2 below which a contact is taken for noise: 6.5 sigma on one tactel, which 384 tactels
 show by chance once in 5e7 cycles."""
-FAINT_EVIDENCE = 18.0
-"""The same from which a fit is tried: two tactels that feel something."""
 
 
 @inner_kernel
 def list_borders(lay: Layout, w: Work) -> int:
-    """Write the borders of clusters of different patches to ``border``, highest saddle first; return how many."""
+    """Write where clusters of different patches meet to ``border``, highest saddle first; return how many."""
     n = runtime_int(0)
     for patch in range(len(w.touched)):
         for i in range(lay.patch_start[patch], lay.patch_start[patch + 1] if w.touched[patch] else 0):
@@ -66,7 +64,9 @@ def note_border(lay: Layout, w: Work, i: int, j: int, n: int) -> int:
     if lay.patch[j] <= lay.patch[i] or label[j] < 0 or n == len(border):
         return n
     saddle, slope, a, b = min(p[i], p[j]), max(p[i], p[j]), w.cluster_peak[label[i]], w.cluster_peak[label[j]]
-    if stands_out(p, lay.sigma, a if p[a] < p[b] else b, saddle):  # nor is there less of one between their roots
+    if stands_out(
+        p, lay.sigma, a if p[a] < p[b] else b, saddle
+    ):  # nor is there less of one between their roots
         return n
     o = runtime_int(n)
     while o > 0:
@@ -166,8 +166,8 @@ def keep_on_boards(lay: Layout, w: Work, link: int, n: int, place: Floats) -> No
 
 
 @inner_kernel
-def write_contacts(lay: Layout, w: Work, n_clusters: int, least: float) -> None:
-    """Write one contact for each root whose sum of (p/sigma)^2 is at least ``least``; set ``n_contacts``."""
+def write_contacts(lay: Layout, w: Work, n_clusters: int) -> None:
+    """Write one contact for each root whose sum of (p/sigma)^2 is enough; set ``n_contacts``."""
     k = 0
     for c in range(n_clusters):
         if find_root(w.cluster_root, c) != c:
@@ -176,13 +176,14 @@ def write_contacts(lay: Layout, w: Work, n_clusters: int, least: float) -> None:
         is_held = False
         for t in range(n):
             is_held |= w.held[w.member[t]]
-        if evidence < least and not is_held:  # chance does not show twice what is as rare as a touch by noise
+        if (
+            evidence < EVIDENCE and not is_held
+        ):  # chance does not show twice what is as rare as a touch by noise
             continue
         w.link[k] = lay.patch_link[lay.patch[peak]]
         w.patch[k] = lay.patch[peak]
         w.n_tactels[k] = n
         w.level[k] = w.status[k] = w.quality[k] = 0
-        w.proof[k] = 2 if is_held else 1 if evidence >= EVIDENCE else 0
         w.residual[k] = 0.0
         w.covariance[k] = 0.0
         w.alive[k] = True

@@ -36,7 +36,7 @@ from skinbus.estimate.search.least_squares import (
     log_evidence,
     write_equations,
 )
-from skinbus.estimate.search.model import BESIDE, WHOLE, weigh
+from skinbus.estimate.search.model import weigh
 from skinbus.jit import inner_kernel
 
 AS_MADE, FINGER, TIP, THUMB = 0, 1, 2, 3
@@ -106,7 +106,7 @@ def prepare(lay: Layout, w: Work, q: Search, link: int, h: int) -> float:
     for c in range(k):
         q.kind[c] = q.h_kind[h, c]
     copy_contacts(q.h_theta[h], q.theta, k)
-    value = evaluate(lay, w, q, link, q.theta, k, WHOLE)
+    value = evaluate(lay, w, q, link, q.theta, k, False)
     write_equations(lay, w, q, q.theta, k)
     return log_evidence(q, k, value) if factorise(q, q.dof[0] * k, 0.0) else -math.inf
 
@@ -140,10 +140,10 @@ def consider(lay: Layout, w: Work, q: Search, link: int, k: int, free: int) -> N
         return
     if free < k:  # the moved contacts alone at first
         hold(lay, q, link, free, k)
-        descend(lay, w, q, link, free, BESIDE, ROUGH, -math.inf)
+        descend(lay, w, q, link, free, True, ROUGH, -math.inf)
     bar, score, status = top_score(q) - TRY, -math.inf, CONVERGED
     for enough in (ROUGH, SETTLED):
-        value, status = descend(lay, w, q, link, k, WHOLE, enough, bar)
+        value, status = descend(lay, w, q, link, k, False, enough, bar)
         if not (math.isfinite(value) and factorise(q, q.dof[0] * k, 0.0)):
             return
         score = log_evidence(q, k, value)

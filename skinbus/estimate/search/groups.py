@@ -18,7 +18,6 @@ from skinbus.estimate.kernels.geometry import distance, separation, surface_of
 from skinbus.estimate.kernels.law import amplitude, core, peak, reach
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.workspace import GROUP, NO_VALUE, Search, Work
-from skinbus.estimate.levels.merge import EVIDENCE, FAINT_EVIDENCE
 from skinbus.estimate.search.answer import write_answer
 from skinbus.estimate.search.evidence import (
     RIVAL,
@@ -31,7 +30,7 @@ from skinbus.estimate.search.evidence import (
     top_score,
     write_chi2,
 )
-from skinbus.estimate.search.model import NOISE, predict, press, weigh
+from skinbus.estimate.search.model import press, weigh
 from skinbus.estimate.search.moves import expand
 from skinbus.jit import inner_kernel
 
@@ -74,7 +73,6 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
                 w.work[MOST] = most
     for c in range(w.n_contacts[0]):
         if w.alive[c] and w.level[c] == 0:  # no time was left for its group
-            w.alive[c] = w.proof[c] > 0
             w.quality[c] |= OVER_BUDGET
             write_unfitted(lay, w, q, c)
 
@@ -157,22 +155,22 @@ def is_beside(lay: Layout, w: Work, q: Search, link: int, c: int, k: int) -> boo
 
 
 @inner_kernel
-def take_group(w: Work, q: Search, first: int) -> tuple[int, int]:
-    """Write the contacts of a group to ``theta``, their rows to ``rows``; return their number and proof."""
-    k, proof = 0, 0
+def take_group(w: Work, q: Search, first: int) -> int:
+    """Write the contacts of a group to ``theta``, their rows to ``rows``; return their number."""
+    k = 0
     for c in range(w.n_contacts[0]):
         if w.alive[c] and w.group[c] == first and k < GROUP:
             for x in range(4):
                 q.theta[k, x] = w.place[c, x]
-            q.rows[k], proof = c, max(proof, w.proof[c])
+            q.rows[k] = c
             k += 1
-    return k, proof
+    return k
 
 
 @inner_kernel
 def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full: bool) -> None:
     """Search the contacts of a group and write its answer; or only fit them, if others press its tactels."""
-    link, (k, proof) = w.link[first], take_group(w, q, first)
+    link, k = w.link[first], take_group(w, q, first)
     list_tactels(lay, w, q, link, k)
     n, home, is_pressed = q.n_listed[0], q.listed[0], False
     if n == 0:
@@ -189,7 +187,7 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
         return
     kind = set_priors(lay, q, lay.law[home])
     for tailed in range(2):
-        k, proof = take_group(w, q, first)
+        k = take_group(w, q, first)
         for c in range(k):
             q.kind[c], q.theta[c, 3] = kind, q.kind_mean[kind]
         q.n_hypotheses[0], q.offsets[0], q.tailed[0] = 0, 0, tailed
@@ -205,14 +203,6 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
         search_group(lay, w, q, link, full)
         if misfit(q, best_of(q)) <= 1.0 or is_over(w):
             break  # else no contacts explain the readings: their errors have tails
-    best = best_of(q)
-    if proof == 0 or (misfit(q, best) <= 1.0 and not is_over(w)):
-        k, theta = q.h_count[best], q.h_theta[best]
-        gain = predict(lay, w, q, link, theta, 0, NOISE) - predict(lay, w, q, link, theta, k, NOISE)
-        if gain < (FAINT_EVIDENCE if proof == 2 else EVIDENCE):  # noise reads as much
-            for c in range(w.n_contacts[0]):
-                w.alive[c] = w.alive[c] and w.group[c] != first
-            return
     write_answer(lay, w, q, link, first, full, is_over(w))
 
 

@@ -24,7 +24,7 @@ from skinbus.estimate.kernels.law import core
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.workspace import Search, Work
 from skinbus.estimate.levels.merge import LOG_FORCE_MAX, LOG_FORCE_MIN
-from skinbus.estimate.search.model import WHOLE, predict, press, write_normal
+from skinbus.estimate.search.model import predict, press, write_normal
 from skinbus.jit import inner_kernel
 
 CONVERGED, ITERATION_LIMIT = 0, 1
@@ -48,9 +48,9 @@ SINGULAR = 1e-14
 
 
 @inner_kernel
-def evaluate(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int, mode: int) -> float:
+def evaluate(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int, is_beside: bool) -> float:
     """Return the objective of k contacts; write the Jacobian."""
-    value = predict(lay, w, q, link, theta, k, mode)
+    value = predict(lay, w, q, link, theta, k, is_beside)
     for c in range(k):
         off = (theta[c, 2] - q.force_prior[0]) / q.force_prior[1]
         value += off * off
@@ -152,7 +152,7 @@ def keep_on_board(lay: Layout, q: Search, link: int, place: Floats) -> None:
 
 @inner_kernel
 def descend(
-    lay: Layout, w: Work, q: Search, link: int, k: int, mode: int, enough: float, bar: float
+    lay: Layout, w: Work, q: Search, link: int, k: int, is_beside: bool, enough: float, bar: float
 ) -> tuple[float, int]:
     """Fit the first k contacts of ``theta``; return the objective and a status, infinity if that is hopeless.
 
@@ -169,7 +169,7 @@ def descend(
                 return value, status
             copy_contacts(theta, trial, k)  # what was evaluated last was not taken
             value = math.inf
-        new = evaluate(lay, w, q, link, trial, k, mode)
+        new = evaluate(lay, w, q, link, trial, k, is_beside)
         fresh = new <= value
         if fresh:
             gain, value = value - new, new
@@ -195,7 +195,7 @@ def descend(
         promised = 0.0
         for u in range(m):
             promised += step[u] * q.gradient[u]
-        if mode == WHOLE and log_evidence(q, k, value - HOPE * promised) < bar:
+        if not is_beside and log_evidence(q, k, value - HOPE * promised) < bar:
             return math.inf, status
         if promised < enough:
             status, ended = CONVERGED, True

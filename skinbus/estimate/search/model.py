@@ -39,8 +39,6 @@ LEARNED_MODES: Final = 0.003
 MOST_PEAK: Final = 10.0
 """Times the largest reading, the highest peak whose misfit counts: a contact beside its tactels explains
 anything with more."""
-WHOLE, BESIDE, NOISE = 0, 1, 2
-"""Modes of :func:`predict`."""
 TAIL: Final = 5.0
 """Degrees of freedom: presses of real arrays, held out, have errors with tails of 4 to 6."""
 LEAST_TAILED: Final = 1e-6
@@ -125,16 +123,14 @@ def weigh(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) -> 
 
 
 @inner_kernel
-def predict(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int, mode: int) -> float:
+def predict(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int, is_beside: bool) -> float:
     """Return chi^2 of k contacts ``theta`` over the listed tactels; write Jacobian, weights and residuals.
 
-    ``mode`` BESIDE: beside the contacts that are held fixed, else beside those outside the group only; NOISE:
-    by
-    the variances of noise alone.
+    ``is_beside``: beside the contacts that are held fixed, too, else beside those outside the group only.
     """
     n, pull, weight = q.n_listed[0], q.pull, q.weight
     for t in range(n):
-        pull[t] = q.base[t] if mode == BESIDE else q.back[t]
+        pull[t] = q.base[t] if is_beside else q.back[t]
         q.n_felt_by[t] = 0
     for c in range(k):
         press(lay, q, link, theta, c, pull, c)
@@ -147,15 +143,15 @@ def predict(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int, m
             r = w.p[i] - pull[t]
             pull[t], weight[t] = r, 0.0
             if w.state[i] != SATURATED or r > 0.0:
-                weight[t] = 1.0 / (lay.sigma[i] * lay.sigma[i] if mode == NOISE else q.variance[t])
+                weight[t] = 1.0 / q.variance[t]
                 square = weight[t] * r * r
-                if mode != NOISE and (q.tailed[0] or lay.law_par[lay.law[i], PROFILED] != 0.0):
+                if q.tailed[0] or lay.law_par[lay.law[i], PROFILED] != 0.0:
                     part = q.tail[t] / (q.tail[t] + square)
                     weight[t], square = weight[t] * part, -q.tail[t] * math.log(part)
                 chi2 += square
                 sum_w, sum_wr = sum_w + weight[t], sum_wr + weight[t] * r
             t += 1
-        prior = w.offset_variance[patch, q.offsets[0]]
+        prior = w.offset_variance[patch] * q.offsets[0]
         if prior > 0.0:
             offset = sum_wr * prior / (sum_w * prior + 1.0)
             chi2 -= offset * sum_wr
@@ -192,7 +188,7 @@ def write_normal(lay: Layout, w: Work, q: Search, k: int) -> None:
                             for v in range(e, min(e + dof, u + 1)):
                                 normal[u, v] += slope * jac[t, v]
             t += 1
-        prior = w.offset_variance[patch, q.offsets[0]]
+        prior = w.offset_variance[patch] * q.offsets[0]
         part = prior / (sum_w * prior + 1.0)
         for u in range(m if prior > 0.0 else 0):
             if row[u] != 0.0:
