@@ -78,15 +78,9 @@ def reach(laws: Floats, law: int, amplitude: float) -> float:
 
 
 @inner_kernel
-def core(laws: Floats, law: int, log_force: float) -> float:
+def core(laws: Floats, law: int, amplitude: float) -> float:
     """Return the distance within which a contact is coupled to others, m: beyond lies a weak skirt."""
-    return float(laws[law, CORE] + amplitude(laws, law, log_force)[0] * laws[law, CORE_PER])
-
-
-@inner_kernel
-def peak(laws: Floats, law: int, log_force: float) -> float:
-    """Return the pressure right under a contact, Pa."""
-    return float(amplitude(laws, law, log_force)[0] * laws[law, PEAK])
+    return float(laws[law, CORE] + amplitude * laws[law, CORE_PER])
 
 
 @inner_kernel

@@ -14,9 +14,9 @@ from typing import Final
 from skinbus.estimate.budget import DONE, MOST, is_over
 from skinbus.estimate.kernels.board_places import off_board, onto_board
 from skinbus.estimate.kernels.constants import OVER_BUDGET
-from skinbus.estimate.kernels.geometry import distance, separation, surface_of
-from skinbus.estimate.kernels.law import amplitude, core, peak, reach
-from skinbus.estimate.kernels.layout import Layout
+from skinbus.estimate.kernels.geometry import distance, surface_of
+from skinbus.estimate.kernels.law import amplitude, core, reach
+from skinbus.estimate.kernels.layout import PEAK, Layout
 from skinbus.estimate.kernels.workspace import GROUP, NO_VALUE, Search, Work
 from skinbus.estimate.search.answer import write_answer
 from skinbus.estimate.search.evidence import (
@@ -30,7 +30,7 @@ from skinbus.estimate.search.evidence import (
     top_score,
     write_chi2,
 )
-from skinbus.estimate.search.model import press, weigh
+from skinbus.estimate.search.model import predict, press, weigh
 from skinbus.estimate.search.moves import expand
 from skinbus.jit import inner_kernel
 
@@ -38,8 +38,8 @@ PATIENCE: Final = 1
 """Rivals of the best hypothesis that are expanded after it, at ``full`` and where the best misfits."""
 ODDS_MOVED: Final = -3.0
 """Log prior odds that the zeros of boards have moved since a baseline has seen them."""
-GROWTH: Final = 0.5
-"""log force by which contacts may yet grow when groups are made."""
+GROWTH: Final = 1.2
+"""Part of their amplitude that contacts may yet have when groups are made."""
 
 
 @inner_kernel
@@ -47,11 +47,13 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
     """Replace the contacts of the clusters by those of the search, and drop those that are none."""
     for c in range(len(w.alive)):
         w.group[c], w.again[c] = c, w.alive[c]
+    for c in range(w.n_contacts[0]):
+        measure(lay, w, c)
     for turn in range(
         3
     ):  # fit contacts beside each other, search groups, search those that have come together
         if turn != 1:
-            join_groups(lay, w, GROWTH if turn == 0 else 0.0)
+            join_groups(lay, w, GROWTH if turn == 0 else 1.0)
         for c in range(w.n_contacts[0]):
             w.again[c] = w.again[c] or turn == 1
         while not is_over(w):
@@ -59,7 +61,7 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
             for c in range(w.n_contacts[0]):
                 if w.alive[c] and w.again[w.group[c]]:
                     waiting += w.group[c] == c
-                    height = peak(lay.law_par, lay.law[lay.patch_start[w.patch[c]]], w.place[c, 2])
+                    height = w.amplitude[c] * lay.law_par[law_of(lay, w, c), PEAK]
                     if height > strongest:
                         first, strongest = w.group[c], height
             if first < 0:
@@ -89,18 +91,29 @@ def write_unfitted(lay: Layout, w: Work, q: Search, c: int) -> None:
 
 
 @inner_kernel
+def law_of(lay: Layout, w: Work, c: int) -> int:
+    """Return the law of the patch that feels a contact most."""
+    return int(lay.law[lay.patch_start[w.patch[c]]])
+
+
+@inner_kernel
+def measure(lay: Layout, w: Work, c: int) -> None:
+    """Write the amplitude of a contact."""
+    w.amplitude[c] = amplitude(lay.law_par, law_of(lay, w, c), w.place[c, 2])[0]
+
+
+@inner_kernel
 def join_groups(lay: Layout, w: Work, growth: float) -> None:
     """Join groups whose contacts' cores overlap, up to ``GROUP`` contacts; what is joined is solved again."""
     laws, n = lay.law_par, w.n_contacts[0]
     for c in range(n):
         if not w.alive[c]:
             continue
-        surface, law = surface_of(lay.link, w.link[c]), lay.law[lay.patch_start[w.patch[c]]]
-        own = core(laws, law, w.place[c, 2] + growth)
+        surface, own = surface_of(lay.link, w.link[c]), core(laws, law_of(lay, w, c), growth * w.amplitude[c])
         for e in range(c):
             if not w.alive[e] or w.link[c] != w.link[e] or w.group[c] == w.group[e]:
                 continue
-            near = own + core(laws, lay.law[lay.patch_start[w.patch[e]]], w.place[e, 2] + growth)
+            near = own + core(laws, law_of(lay, w, e), growth * w.amplitude[e])
             if distance(surface, w.place[c, 0], w.place[c, 1], w.place[e, 0], w.place[e, 1]) >= near:
                 continue
             old, new, size = max(w.group[c], w.group[e]), min(w.group[c], w.group[e]), 0
@@ -117,41 +130,40 @@ def join_groups(lay: Layout, w: Work, growth: float) -> None:
 @inner_kernel
 def list_tactels(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
     """List the tactels with a value that k contacts of ``theta`` may reach, and a pitch around them."""
-    surface, laws, n = surface_of(lay.link, link), lay.law_par, 0
+    surface, n, near = surface_of(lay.link, link), 0, q.row
+    for c in range(k):
+        law = law_of(lay, w, q.rows[c])
+        near[c] = reach(lay.law_par, law, GROWTH * w.amplitude[q.rows[c]]) + q.pitch[0]
     for patch in range(len(lay.patch_link)):
-        if lay.patch_link[patch] != link:
-            continue
-        law, is_near, board = lay.law[lay.patch_start[patch]], False, lay.patch_reach[0]
-        for c in range(k):
-            far = reach(laws, law, amplitude(laws, law, q.theta[c, 2] + GROWTH)[0]) + q.pitch[0] + board
-            is_near |= (
-                separation(surface, q.theta[c, 0], q.theta[c, 1], lay.patch_s[patch], lay.patch_a[patch])[0]
-                < far * far
-            )
-        if not is_near:
-            continue
-        for i in range(lay.patch_start[patch], lay.patch_start[patch + 1]):
-            if w.state[i] == NO_VALUE:
-                continue
+        is_near, s, a = False, lay.patch_s[patch], lay.patch_a[patch]
+        for c in range(k if lay.patch_link[patch] == link else 0):
+            is_near |= distance(surface, q.theta[c, 0], q.theta[c, 1], s, a) < near[c] + lay.patch_reach[0]
+        for i in range(lay.patch_start[patch], lay.patch_start[patch + 1] if is_near else 0):
             inside = False
-            for c in range(k):
-                far = reach(laws, law, amplitude(laws, law, q.theta[c, 2] + GROWTH)[0]) + q.pitch[0]
-                inside |= separation(surface, q.theta[c, 0], q.theta[c, 1], lay.s[i], lay.a[i])[0] < far * far
+            for c in range(k if w.state[i] != NO_VALUE else 0):
+                inside |= distance(surface, q.theta[c, 0], q.theta[c, 1], lay.s[i], lay.a[i]) < near[c]
             q.listed[n] = i
             n += inside
     q.n_listed[0] = n
 
 
 @inner_kernel
-def is_beside(lay: Layout, w: Work, q: Search, link: int, c: int, k: int) -> bool:
-    """Return whether contact c may press a tactel that the k contacts of ``theta`` reach."""
-    surface, laws = surface_of(lay.link, link), lay.law_par
-    law, near = lay.law[lay.patch_start[w.patch[c]]], False
-    own = reach(laws, law, amplitude(laws, law, w.place[c, 2])[0]) + q.pitch[0]
-    for e in range(k):
-        far = own + reach(laws, law, amplitude(laws, law, q.theta[e, 2] + GROWTH)[0])
-        near |= separation(surface, w.place[c, 0], w.place[c, 1], q.theta[e, 0], q.theta[e, 1])[0] < far * far
-    return near
+def press_from_outside(lay: Layout, w: Work, q: Search, link: int, first: int, k: int) -> bool:
+    """Write to ``back`` what contacts of other groups press; return whether any of it is above noise."""
+    surface, near, is_pressed = surface_of(lay.link, link), q.row, False
+    for t in range(q.n_listed[0]):
+        q.back[t] = 0.0
+    for c in range(w.n_contacts[0]):
+        if w.alive[c] and w.group[c] != first and w.link[c] == link:
+            own, is_beside = reach(lay.law_par, law_of(lay, w, c), w.amplitude[c]), False
+            for e in range(k):
+                d = distance(surface, w.place[c, 0], w.place[c, 1], q.theta[e, 0], q.theta[e, 1])
+                is_beside |= d < own + near[e]
+            if is_beside:
+                press(lay, q, link, w.place, c, q.back, -1)
+    for t in range(q.n_listed[0]):
+        is_pressed |= q.back[t] > lay.sigma[q.listed[t]]
+    return is_pressed
 
 
 @inner_kernel
@@ -172,17 +184,11 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
     """Search the contacts of a group and write its answer; or only fit them, if others press its tactels."""
     link, k = w.link[first], take_group(w, q, first)
     list_tactels(lay, w, q, link, k)
-    n, home, is_pressed = q.n_listed[0], q.listed[0], False
-    if n == 0:
+    if q.n_listed[0] == 0:
         return
-    for t in range(n):
-        q.back[t] = 0.0
+    is_pressed, home = press_from_outside(lay, w, q, link, first, k), q.listed[0]
+    for t in range(q.n_listed[0]):
         home = q.listed[t] if w.p[q.listed[t]] > w.p[home] else home
-    for c in range(w.n_contacts[0]):
-        if w.alive[c] and w.group[c] != first and w.link[c] == link and is_beside(lay, w, q, link, c, k):
-            press(lay, q, link, w.place, c, q.back, -1)
-    for t in range(n):
-        is_pressed |= q.back[t] > lay.sigma[q.listed[t]]
     if not (search or is_pressed):
         return
     kind = set_priors(lay, q, lay.law[home])
@@ -199,11 +205,21 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
             for c in range(k):
                 for x in range(4):
                     w.place[q.rows[c], x] = q.h_theta[0, c, x]
+                measure(lay, w, q.rows[c])
             return
         search_group(lay, w, q, link, full)
         if misfit(q, best_of(q)) <= 1.0 or is_over(w):
             break  # else no contacts explain the readings: their errors have tails
+    if not is_over(w) and top_score(q) < -0.5 * predict(
+        lay, w, q, link, q.theta, 0, False
+    ):  # noise reads as much
+        for c in range(w.n_contacts[0]):
+            w.alive[c] = w.alive[c] and w.group[c] != first
+        return
     write_answer(lay, w, q, link, first, full, is_over(w))
+    for c in range(w.n_contacts[0]):
+        if w.group[c] == first:
+            measure(lay, w, c)
 
 
 @inner_kernel

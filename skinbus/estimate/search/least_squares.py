@@ -20,7 +20,7 @@ from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.board_places import off_board, onto_board
 from skinbus.estimate.kernels.disc_shapes import OWN_SIZES
 from skinbus.estimate.kernels.geometry import separation, surface_of
-from skinbus.estimate.kernels.law import core
+from skinbus.estimate.kernels.law import amplitude, core
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.workspace import Search, Work
 from skinbus.estimate.levels.merge import LOG_FORCE_MAX, LOG_FORCE_MIN
@@ -64,10 +64,12 @@ def evaluate(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int, 
 def write_equations(lay: Layout, w: Work, q: Search, theta: Floats, k: int) -> None:
     """Write normal matrix and gradient of the contacts evaluated last, priors included."""
     write_normal(lay, w, q, k)
-    dof, normal, gradient = q.dof[0], q.normal, q.gradient
+    dof, normal, gradient, law = q.dof[0], q.normal, q.gradient, lay.law[q.listed[0]]
     for c in range(k):
         u, sd = dof * c, q.force_prior[1]
-        away = min(BOARD, max(q.pitch[0], core(lay.law_par, lay.law[q.listed[0]], theta[c, 2])))
+        away = min(
+            BOARD, max(q.pitch[0], core(lay.law_par, law, amplitude(lay.law_par, law, theta[c, 2])[0]))
+        )
         normal[u, u] += 1.0 / (away * away)
         normal[u + 1, u + 1] += 1.0 / (away * away)
         normal[u + 2, u + 2] += 1.0 / (sd * sd)
