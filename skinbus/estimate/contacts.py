@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final, Self
 
 import numpy as np
@@ -98,37 +98,24 @@ class Contacts:
         if unit != 1.0:  # on boards of the usual size it is
             metres = np.array([unit, unit, 1.0])
             covariance *= metres[:, None] * metres
+        names = ("link", "patch", "n_tactels", "quality", "status", "residual")
         return cls(
             t_ns=t_ns,
-            link=work.link[rows],
             s=place[:, 0] * unit,
             a=place[:, 1] * unit,
             force=np.exp(place[:, 2]),
-            patch=work.patch[rows],
             level=_LEVEL_NAMES[work.level[rows]],
-            n_tactels=work.n_tactels[rows],
-            quality=work.quality[rows],
-            status=work.status[rows],
             size=place[:, 3].copy(),
-            residual=work.residual[rows],
             covariance=covariance,
+            **{name: getattr(work, name)[rows] for name in names},
         )
 
     def __len__(self) -> int:
         return len(self.s)
 
     def __getitem__(self, i: int) -> Contact:
-        return Contact(
-            link=int(self.link[i]),
-            s=float(self.s[i]),
-            a=float(self.a[i]),
-            force=float(self.force[i]),
-            patch=int(self.patch[i]),
-            level=str(self.level[i]),
-            n_tactels=int(self.n_tactels[i]),
-            quality=Quality(int(self.quality[i])),
-            status=int(self.status[i]),
-        )
+        row = {field.name: getattr(self, field.name)[i].item() for field in fields(Contact)}
+        return Contact(**row | {"quality": Quality(row["quality"])})
 
     def __iter__(self) -> Iterator[Contact]:
         return (self[i] for i in range(len(self)))

@@ -41,8 +41,8 @@ def subtract_offsets(lay: Layout, w: Work) -> None:
         w.offset[patch], w.pressed[patch] = find_offset(lay, w, patch) if w.touched[patch] else (0.0, False)
     for patch in range(len(w.touched)):
         free = w.touched[patch] and not w.pressed[patch]
-        for e in range(lay.near_start[patch], lay.near_start[patch + 1]):
-            free &= not w.pressed[lay.near_to[e]]
+        for e in range(lay.edge_start[start[patch]], lay.edge_start[start[patch + 1]] if free else 0):
+            free &= not w.pressed[lay.patch[lay.edge_to[e]]]
         w.offset_variance[patch] = 0.0 if free else (USUAL * lay.threshold[start[patch]]) ** 2
         for i in range(start[patch], start[patch + 1] if free else 0):
             if w.state[i] != NO_VALUE:

@@ -15,6 +15,7 @@ Source: D. Kirkpatrick, J. Radke, A framework for computational morphology (1985
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,8 +76,6 @@ class Layout(NamedTuple):
     patch_a: Floats
     patch_reach: Floats  # (1,) furthest of any tactel from the centre of its patch, m
     board: Floats  # (n_patches, 4) cos and sin of yaw, half extents with half a seam, m
-    near_start: Ints  # patches side by side with each patch
-    near_to: Ints
     link: Floats  # (n_links, 4) radius, taper, period, length
     law_par: Floats  # (n_laws, N_COLUMNS)
     law_table: Floats  # (n_laws, points, 22) 1/m^2, see ``kernels.law``
@@ -116,12 +115,8 @@ def compile_layout(arm: Arm) -> Layout:
     margin = 0.5 * np.max(np.maximum(size - extent, 0.0), axis=1)
     yaw = np.array([placed.yaw for placed in arm.patches])
     board = np.stack([np.cos(yaw), np.sin(yaw), 0.5 * size[:, 0] + SEAM, 0.5 * size[:, 1] + SEAM], -1)
-    near_start, near_to = _pairs_to_rows(
-        _patches_side_by_side(tactel_s, tactel_a, start, link, margin, links), len(patches)
-    )
-    edge_start, edge_to = _pairs_to_rows(
-        _edges(tactel_s, tactel_a, start, link, margin, near_start, near_to, links), arm.n_tactels
-    )
+    edges = _neighbours(tactel_s, tactel_a, patch, link, margin, links)
+    edges |= edges.T
 
     columns = Layout(
         s=tactel_s,
@@ -138,16 +133,14 @@ def compile_layout(arm: Arm) -> Layout:
         bend=arm.tactel_bend * unit**POWERS,
         bias=arm.tactel_bias,
         map_of=map_of,
-        edge_start=edge_start,
-        edge_to=edge_to,
+        edge_start=np.append(0, np.cumsum(edges.sum(axis=1))),
+        edge_to=edges.nonzero()[1],
         patch_start=start,
         patch_link=link,
         patch_s=patch_s,
         patch_a=patch_a,
         patch_reach=from_centre.max(keepdims=True),
         board=board,
-        near_start=near_start,
-        near_to=near_to,
         link=links,
         law_par=law_par,
         law_table=law_table,
@@ -285,13 +278,8 @@ def _is_unsized(law: Law) -> bool:
 
 
 def _key(patch: Patch) -> tuple[object, ...]:
-    law = patch.law
-    if isinstance(law, Cone):
-        return ("cone", law.slope, law.exponent, law.misfit)
-    spread = b"" if law.misfit_profile is None else np.asarray(law.misfit_profile, float).tobytes()
-    table = np.asarray(law.table, float).tobytes()
-    tactel = patch.diameter if law.misfit_profile is not None or _is_unsized(law) else 0.0
-    return ("radial", law.step, law.exponent, law.misfit, law.typical_force, table, spread, tactel)
+    columns = (getattr(patch.law, field.name) for field in fields(patch.law))
+    return (type(patch.law), patch.diameter, *(np.asarray(column, float).tobytes() for column in columns))
 
 
 def _maps(patches: list[Patch], unit: float) -> tuple[Ints, Floats, Floats]:
@@ -318,98 +306,30 @@ def _frozen(column: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return column
 
 
-def _pairs_to_rows(pairs: Ints, n: int) -> tuple[Ints, Ints]:
-    """Return undirected pairs (n_pairs, 2) as rows: start (n + 1,) and the sorted neighbours of each."""
-    both = np.concatenate([pairs, pairs[:, ::-1]])
-    both = both[np.lexsort((both[:, 1], both[:, 0]))]
-    start = np.zeros(n + 1, np.int64)
-    np.cumsum(np.bincount(both[:, 0], minlength=n), out=start[1:])
-    return start, np.ascontiguousarray(both[:, 1])
-
-
 @setup
-def _patches_side_by_side(
-    s: Floats,
-    a: Floats,
-    start: Ints,
-    link: Ints,
-    margin: Floats,
-    links: Floats,
-) -> Ints:
-    """Return the pairs (n_pairs, 2) of patches whose boards touch but for a seam."""
-    n = len(link)
-    pairs = np.empty((n * n, 2), np.int64)
-    n_pairs = 0
-    for p in range(n):
-        for q in range(p + 1, n):
-            if link[p] != link[q]:
-                continue
-            surface = surface_of(links, link[p])
-            gap = np.inf
-            for i in range(start[p], start[p + 1]):
-                for j in range(start[q], start[q + 1]):
-                    gap = min(gap, distance(surface, s[i], a[i], s[j], a[j]))
-            if gap <= math.sqrt(2.0) * (margin[p] + margin[q] + SEAM):  # corner to corner: the diagonal
-                pairs[n_pairs, 0], pairs[n_pairs, 1] = p, q
-                n_pairs += 1
-    return pairs[:n_pairs].copy()
-
-
-@setup
-def _edges(
-    s: Floats,
-    a: Floats,
-    start: Ints,
-    link: Ints,
-    margin: Floats,
-    near_start: Ints,
-    near_to: Ints,
-    links: Floats,
-) -> Ints:
-    """Return the pairs (n_edges, 2) of neighbouring tactels."""
-    n_patches = len(link)
-    pairs = np.empty((4 * len(s) + 64, 2), np.int64)
-    n_pairs = 0
-    around = np.empty(len(s), np.int64)
-    for p in range(n_patches):
-        surface = surface_of(links, link[p])
-        n_around = 0
-        for i in range(start[p], start[p + 1]):
-            around[n_around] = i
-            n_around += 1
-        n_own = n_around
-        for e in range(near_start[p], near_start[p + 1]):
-            for i in range(start[near_to[e]], start[near_to[e] + 1]):
-                around[n_around] = i
-                n_around += 1
-        for u in range(n_own):
-            i = around[u]
-            for v in range(n_around):
-                j = around[v]
-                if j <= i:
-                    continue
-                # within a patch only its own tactels stand between: its clusters do not depend on others
-                blockers = n_own if v < n_own else n_around
+def _neighbours(s: Floats, a: Floats, patch: Ints, link: Ints, margin: Floats, links: Floats) -> Bools:
+    """Return whether tactels are neighbours, (n, n): of one patch, or of two that touch but for a seam."""
+    n = len(s)
+    found, around, away = np.zeros((n, n), np.bool_), np.empty(n, np.int64), np.empty(n)
+    for i in range(n):
+        surface, n_around = surface_of(links, link[patch[i]]), 0
+        for j in range(n):
+            if link[patch[i]] == link[patch[j]]:
                 d = distance(surface, s[i], a[i], s[j], a[j])
-                free = True
-                for t in range(blockers):
-                    b = around[t]
-                    if b in (i, j):
-                        continue
-                    di = distance(surface, s[i], a[i], s[b], a[b])
-                    if di >= d:
-                        continue
-                    dj = distance(surface, s[j], a[j], s[b], a[b])
-                    if di * di + dj * dj - 2.0 * di * dj * math.cos(SIGHT) < d * d * (1.0 - 1e-9):
-                        free = False
+                most = math.sqrt(2.0) * (margin[patch[i]] + margin[patch[j]] + SEAM)  # corner to corner
+                if patch[i] == patch[j] or d <= most:
+                    around[n_around], away[n_around] = j, d
+                    n_around += 1
+        for u in range(n_around):
+            j, free = around[u], around[u] != i
+            for t in range(n_around):
+                b = around[t]
+                # within a patch only its own tactels stand between: its clusters do not depend on others
+                if away[t] < away[u] and b != i and (patch[j] != patch[i] or patch[b] == patch[i]):
+                    d = distance(surface, s[j], a[j], s[b], a[b])
+                    between = away[t] * away[t] + d * d - 2.0 * away[t] * d * math.cos(SIGHT)
+                    free &= between >= away[u] * away[u] * (1.0 - 1e-9)
+                    if not free:
                         break
-                if not free:
-                    continue
-                if n_pairs == len(pairs):
-                    grown = np.empty((2 * len(pairs), 2), np.int64)
-                    for t in range(n_pairs):  # slices take seconds to compile
-                        grown[t, 0], grown[t, 1] = pairs[t, 0], pairs[t, 1]
-                    pairs = grown
-                pairs[n_pairs, 0], pairs[n_pairs, 1] = i, j
-                n_pairs += 1
-    return pairs[:n_pairs].copy()
+            found[i, j] = free
+    return found

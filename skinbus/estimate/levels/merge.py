@@ -18,9 +18,7 @@ them.
 
 from __future__ import annotations
 
-import math
-
-from skinbus.estimate.kernels.board_places import off_board, onto_board
+from skinbus.estimate.kernels.board_places import keep_on_board
 from skinbus.estimate.kernels.geometry import develop, distance, surface_of, undevelop
 from skinbus.estimate.kernels.law import log_force_of, pressure
 from skinbus.estimate.kernels.layout import Floats, Layout
@@ -125,7 +123,7 @@ def describe(lay: Layout, w: Work, root: int, place: Floats) -> tuple[int, int, 
         evidence += z * z
         n, i = n + 1, w.next_of[i]
     place[0], place[1] = undevelop(surface, s0 + x / mass, y / mass, a0)
-    keep_on_boards(lay, w, link, n, place)
+    keep_on_board(lay, link, member, n, place)
 
     # the amplitude by the sum over the tactels that share the law of the strongest (eq. 10)
     law = tactel_law[peak]
@@ -146,23 +144,6 @@ def describe(lay: Layout, w: Work, root: int, place: Floats) -> tuple[int, int, 
         log_force = log_force_of(laws, law, top / bottom)
     place[2], place[3] = min(max(log_force, LOG_FORCE_MIN), LOG_FORCE_MAX), 0.0
     return n, peak, evidence
-
-
-@inner_kernel
-def keep_on_boards(lay: Layout, w: Work, link: int, n: int, place: Floats) -> None:
-    """Bring a place (s, a) that is on no board of the n tactels in ``member`` to the nearest of them."""
-    nearest, least, last = -1, math.inf, -1
-    for t in range(n):
-        patch = lay.patch[w.member[t]]
-        if patch == last:
-            continue
-        last = patch
-        away = off_board(lay, link, patch, place)
-        if away < least:
-            nearest, least = patch, away
-        if least == 0.0:
-            return
-    onto_board(lay, link, nearest, place)
 
 
 @inner_kernel

@@ -10,13 +10,15 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from skinbus.estimate.kernels.board_places import keep_on_board
 from skinbus.estimate.kernels.constants import BAD_FIT, FEW_TACTELS, FULL_SCALE, NOT_CONVERGED, OVER_BUDGET
 from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.law import amplitude, log_force_at
 from skinbus.estimate.kernels.layout import PEAK, Floats, Layout
 from skinbus.estimate.kernels.workspace import KINDS, SATURATED, Search, Work
+from skinbus.estimate.levels.merge import EVIDENCE
 from skinbus.estimate.search.evidence import RIVAL, TIP, best_of, misfit, prepare
-from skinbus.estimate.search.least_squares import CONVERGED, factorise, invert, keep_on_board, write_equations
+from skinbus.estimate.search.least_squares import CONVERGED, factorise, invert, write_equations
 from skinbus.jit import inner_kernel
 
 REFUTED: Final = 0.2
@@ -83,7 +85,7 @@ def write_mean(lay: Layout, q: Search, link: int, best: int, c: int, place: Floa
     for x in range(4):
         place[x] = theta[best, c, x] + place[x] / total
     place[1] = wrap(place[1], period)
-    keep_on_board(lay, q, link, place)
+    keep_on_board(lay, link, q.listed, q.n_listed[0], place)
 
 
 @inner_kernel
@@ -185,5 +187,11 @@ def write_answer(lay: Layout, w: Work, q: Search, link: int, first: int, full: b
     for other in range(row, w.n_contacts[0]):
         w.alive[other] = w.alive[other] and w.group[other] != first
     write_moments(lay, w, q, link, best, k)
+    gain = 0.0
+    for t in range(q.n_listed[0]):
+        i = q.listed[t]
+        gain += ((w.p[i] - q.back[t]) ** 2 - q.pull[t] ** 2) / lay.sigma[i] ** 2
     for c in range(k):
         flag_contact(lay, w, q, link, best, c, q.rows[c], is_cut)
+        # what explains the readings is a contact unless noise reads as much
+        w.alive[q.rows[c]] = gain >= EVIDENCE or misfit(q, best) > 1.0 or is_cut

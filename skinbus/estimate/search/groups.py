@@ -12,7 +12,6 @@ import math
 from typing import Final
 
 from skinbus.estimate.budget import DONE, MOST, is_over
-from skinbus.estimate.kernels.board_places import off_board, onto_board
 from skinbus.estimate.kernels.constants import OVER_BUDGET
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.estimate.kernels.law import amplitude, core, reach
@@ -30,7 +29,7 @@ from skinbus.estimate.search.evidence import (
     top_score,
     write_chi2,
 )
-from skinbus.estimate.search.model import predict, press, weigh
+from skinbus.estimate.search.model import press, weigh
 from skinbus.estimate.search.moves import expand
 from skinbus.jit import inner_kernel
 
@@ -76,18 +75,15 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
     for c in range(w.n_contacts[0]):
         if w.alive[c] and w.level[c] == 0:  # no time was left for its group
             w.quality[c] |= OVER_BUDGET
-            write_unfitted(lay, w, q, c)
+            write_unfitted(w, q, c)
 
 
 @inner_kernel
-def write_unfitted(lay: Layout, w: Work, q: Search, c: int) -> None:
-    """Bring a contact of the clusters onto its board: a pitch and all of its force are not certain."""
-    place = w.place[c]
-    if off_board(lay, w.link[c], w.patch[c], place) > 0.0:
-        onto_board(lay, w.link[c], w.patch[c], place)
+def write_unfitted(w: Work, q: Search, c: int) -> None:
+    """Write the covariance of a contact of the clusters: a pitch and all of its force are not certain."""
     w.covariance[c] = 0.0
     w.covariance[c, 0, 0] = w.covariance[c, 1, 1] = q.pitch[0] ** 2
-    w.covariance[c, 2, 2] = math.exp(2.0 * place[2])
+    w.covariance[c, 2, 2] = math.exp(2.0 * w.place[c, 2])
 
 
 @inner_kernel
@@ -210,12 +206,6 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
         search_group(lay, w, q, link, full)
         if misfit(q, best_of(q)) <= 1.0 or is_over(w):
             break  # else no contacts explain the readings: their errors have tails
-    if not is_over(w) and top_score(q) < -0.5 * predict(
-        lay, w, q, link, q.theta, 0, False
-    ):  # noise reads as much
-        for c in range(w.n_contacts[0]):
-            w.alive[c] = w.alive[c] and w.group[c] != first
-        return
     write_answer(lay, w, q, link, first, full, is_over(w))
     for c in range(w.n_contacts[0]):
         if w.group[c] == first:

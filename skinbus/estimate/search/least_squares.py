@@ -17,9 +17,8 @@ import math
 from typing import Final
 
 from skinbus.estimate.budget import is_over
-from skinbus.estimate.kernels.board_places import off_board, onto_board
+from skinbus.estimate.kernels.board_places import keep_on_board
 from skinbus.estimate.kernels.disc_shapes import OWN_SIZES
-from skinbus.estimate.kernels.geometry import separation, surface_of
 from skinbus.estimate.kernels.law import amplitude, core
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.workspace import Search, Work
@@ -140,19 +139,6 @@ def invert(q: Search, m: int) -> None:
 
 
 @inner_kernel
-def keep_on_board(lay: Layout, q: Search, link: int, place: Floats) -> None:
-    """Bring a place (s, a) to the board of the nearest listed tactel."""
-    surface, nearest, home = surface_of(lay.link, link), math.inf, -1
-    for t in range(q.n_listed[0]):
-        i = q.listed[t]
-        d2, _, _ = separation(surface, place[0], place[1], lay.s[i], lay.a[i])
-        if d2 < nearest:
-            nearest, home = d2, i
-    if home >= 0 and off_board(lay, link, lay.patch[home], place) > 0.0:
-        onto_board(lay, link, lay.patch[home], place)
-
-
-@inner_kernel
 def descend(
     lay: Layout, w: Work, q: Search, link: int, k: int, is_beside: bool, enough: float, bar: float
 ) -> tuple[float, int]:
@@ -162,33 +148,14 @@ def descend(
     stays below ``bar`` though the objective falls by ``HOPE`` times what the next step promises.
     """
     dof, theta, trial, step = q.dof[0], q.theta, q.trial, q.step
-    m, damping, status, value, gain = dof * k, FIRST_DAMPING, ITERATION_LIMIT, math.inf, math.inf
-    fresh, ended, iterations = True, False, 0
-    copy_contacts(theta, trial, k)
-    while True:
-        if ended:
-            if fresh:
-                return value, status
-            copy_contacts(theta, trial, k)  # what was evaluated last was not taken
-            value = math.inf
-        new = evaluate(lay, w, q, link, trial, k, is_beside)
-        fresh = new <= value
-        if fresh:
-            gain, value = value - new, new
-            copy_contacts(trial, theta, k)
-            write_equations(lay, w, q, theta, k)
-        if ended or not (fresh or iterations > 0):
-            return value if fresh else math.inf, status
-        if iterations > 0:
-            at_edge = fresh and gain < NEGLIGIBLE and damping > EDGE  # steps only go to and fro
-            damping = max(0.1 * damping, 1e-9) if fresh else 10.0 * damping
-            if at_edge or damping > LAST_DAMPING:
-                status, ended = CONVERGED, True
-                continue
-        if iterations == ITERATIONS or is_over(w):
-            ended = True
-            continue
-        iterations += 1
+    m, damping, status, is_stale, at_edge = dof * k, FIRST_DAMPING, ITERATION_LIMIT, False, False
+    value = evaluate(lay, w, q, link, theta, k, is_beside)
+    write_equations(lay, w, q, theta, k)
+    for _ in range(ITERATIONS if value < math.inf else 0):
+        if at_edge or damping > LAST_DAMPING:
+            status = CONVERGED
+        if status == CONVERGED or is_over(w):
+            break
         while not factorise(q, m, damping):
             damping = max(10.0 * damping, 1e-6)
             if not damping < HOPELESS:
@@ -200,8 +167,8 @@ def descend(
         if not is_beside and log_evidence(q, k, value - HOPE * promised) < bar:
             return math.inf, status
         if promised < enough:
-            status, ended = CONVERGED, True
-            continue
+            status = CONVERGED
+            break
         for c in range(k):
             u = dof * c
             move = math.sqrt(step[u] ** 2 + step[u + 1] ** 2)
@@ -213,7 +180,19 @@ def descend(
             trial[c, 0] = theta[c, 0] + step[u] / longest
             trial[c, 1] = theta[c, 1] + step[u + 1] / longest
             trial[c, 2] = min(max(theta[c, 2] + step[u + 2] / longest, LOG_FORCE_MIN), LOG_FORCE_MAX)
-            keep_on_board(lay, q, link, trial[c])
+            keep_on_board(lay, link, q.listed, q.n_listed[0], trial[c])
+        new = evaluate(lay, w, q, link, trial, k, is_beside)
+        is_stale = not new <= value  # Jacobian and residuals are those of a step that is not taken
+        at_edge = not is_stale and value - new < NEGLIGIBLE and damping > EDGE  # steps only go to and fro
+        damping = 10.0 * damping if is_stale else max(0.1 * damping, 1e-9)
+        if not is_stale:
+            value = new
+            copy_contacts(trial, theta, k)
+            write_equations(lay, w, q, theta, k)
+    if is_stale:
+        evaluate(lay, w, q, link, theta, k, is_beside)
+        write_equations(lay, w, q, theta, k)
+    return value, status
 
 
 @inner_kernel

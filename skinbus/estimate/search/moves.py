@@ -22,12 +22,13 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from skinbus.estimate.kernels.board_places import keep_on_board
 from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.law import amplitude, log_force_at, pressure
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.workspace import GROUP, KINDS, Search, Work
 from skinbus.estimate.search.evidence import RIVAL, TRY, consider, misfit, prepare
-from skinbus.estimate.search.least_squares import invert, keep_on_board
+from skinbus.estimate.search.least_squares import invert
 from skinbus.jit import inner_kernel
 
 FELT, ENOUGH = 3.0, 4
@@ -38,7 +39,7 @@ AROUND, DIRECTIONS = 0.6, 5
 EVIDENT: Final = 16.0
 """chi^2 from which on another contact can gain more than it costs."""
 PER_CONTACT: Final = 5
-"""Tactels for each contact of a group before one is added: three or four unknowns, and one to spare."""
+"""Tactels for each contact of a group: three or four unknowns, and one to spare."""
 SPLITS: Final = (0.5, 1.0)
 """Pitches from the middle at which a contact is divided into two."""
 BESIDE: Final = 3.0
@@ -56,8 +57,7 @@ def expand(lay: Layout, w: Work, q: Search, link: int, h: int, full: bool) -> No
     propose_places(lay, q, link, h)
     if q.h_count[h] > 1:
         propose_fewer(lay, q, link, h)
-    most = min(GROUP, q.n_listed[0] // PER_CONTACT)
-    if (full or misfit(q, h) > 1.0) and q.h_chi2[h, 0] > EVIDENT and q.h_count[h] < most:
+    if (full or misfit(q, h) > 1.0) and q.h_chi2[h, 0] > EVIDENT:
         propose_more(lay, q, link, h)
     for move in range(q.n_plans[0]):
         free = int(q.plan[move, 2])
@@ -67,7 +67,7 @@ def expand(lay: Layout, w: Work, q: Search, link: int, h: int, full: bool) -> No
             for x in range(4):
                 q.theta[c, x] = q.plan[move, 4 + 5 * c + x]
             q.theta[c, 1] = wrap(q.theta[c, 1], surface_of(lay.link, link).period)
-            keep_on_board(lay, q, link, q.theta[c])
+            keep_on_board(lay, link, q.listed, q.n_listed[0], q.theta[c])
         for c in range(q.h_count[h]):
             if c != int(q.plan[move, 0]) and c != int(q.plan[move, 1]):
                 q.kind[k] = q.h_kind[h, c]
@@ -184,8 +184,14 @@ def propose_fewer(lay: Layout, q: Search, link: int, h: int) -> None:
 
 @inner_kernel
 def propose_more(lay: Layout, q: Search, link: int, h: int) -> None:
-    """Propose to add a contact at the two largest residuals, and to divide each along the residuals."""
-    surface, pitch, theta, last = surface_of(lay.link, link), q.pitch[0], q.theta, -1
+    """Propose to add a contact at the two largest residuals, and to divide each along the residuals.
+
+    Where there are as many as the tactels can tell, the one whose force is least certain goes for it.
+    """
+    surface, pitch, theta, dof, last, gone = surface_of(lay.link, link), q.pitch[0], q.theta, q.dof[0], -1, -1
+    for c in range(q.h_count[h] if q.h_count[h] >= min(GROUP, q.n_listed[0] // PER_CONTACT) else 0):
+        u, v = dof * c + 2, dof * max(gone, 0) + 2
+        gone = c if q.inverse[u, u] >= q.inverse[v, v] else gone
     for _ in range(2):
         best, z_best = -1, FELT
         for t in range(q.n_listed[0]):
@@ -196,7 +202,7 @@ def propose_more(lay: Layout, q: Search, link: int, h: int) -> None:
             break
         i, last = q.listed[best], best
         log_force = log_force_at(lay.law_par, lay.law_table, lay.law[i], q.pull[best], 0.0)
-        propose(q, -1, -1)
+        propose(q, gone, -1)
         put(q, q.kind[0], lay.s[i], lay.a[i], log_force, q.kind_mean[q.kind[0]])
     for c in range(q.h_count[h]):
         s, a, xx, xy, yy, chi2 = theta[c, 0], theta[c, 1], 0.0, 0.0, 0.0, 0.0
@@ -206,13 +212,13 @@ def propose_more(lay: Layout, q: Search, link: int, h: int) -> None:
             if x * x + y * y < (BESIDE * pitch) ** 2 and q.weight[t] > 0.0:
                 xx, xy, yy = xx + pull * x * x, xy + pull * x * y, yy + pull * y * y
                 chi2 += pull * pull * q.weight[t] - 1.0
-        if chi2 <= 0.0:  # noise alone explains what is left
+        if chi2 <= 0.0 or c == gone:  # noise alone explains what is left
             continue
         angle, half = 0.5 * math.atan2(2.0 * xy, xx - yy), theta[c, 2] - math.log(2.0)
         for turn in range(4):  # along it and, since neighbours pull too, across
             part = SPLITS[turn % 2] * pitch
             x, y = part * math.cos(angle), part * math.sin(angle)
             angle += 0.5 * math.pi if turn == 1 else 0.0
-            propose(q, c, -1)
+            propose(q, c, gone)
             put(q, q.kind[c], s + x, a + y, half, theta[c, 3])
             put(q, q.kind[c], s - x, a - y, half, theta[c, 3])
