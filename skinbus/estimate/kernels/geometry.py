@@ -43,19 +43,6 @@ def wrap(a: float, period: float) -> float:
 
 
 @inner_kernel
-def distance(surface: LinkSurface, s1: float, a1: float, s2: float, a2: float) -> float:
-    """Return the geodesic distance of two points of a link, m."""
-    ds = s1 - s2
-    da = wrap(a1 - a2, surface.period)
-    if surface.taper == 0.0:
-        return math.sqrt(ds * ds + da * da)
-    r1 = surface.radius + surface.taper * (s1 - 0.5 * surface.length)
-    r2 = surface.radius + surface.taper * (s2 - 0.5 * surface.length)
-    across = math.sin(0.5 * surface.taper * da / surface.radius) * 2.0 / surface.taper
-    return math.sqrt(ds * ds + max(r1 * r2, 0.0) * across * across)
-
-
-@inner_kernel
 def separation(surface: LinkSurface, s: float, a: float, sj: float, aj: float) -> tuple[float, float, float]:
     """Return the squared distance of (s, a) from (sj, aj) in m^2, and half its derivatives by s and a.
 
@@ -75,6 +62,12 @@ def separation(surface: LinkSurface, s: float, a: float, sj: float, aj: float) -
         along,
         r * rj * across * math.cos(half) / surface.radius,
     )
+
+
+@inner_kernel
+def distance(surface: LinkSurface, s1: float, a1: float, s2: float, a2: float) -> float:
+    """Return the geodesic distance of two points of a link, m."""
+    return math.sqrt(separation(surface, s1, a1, s2, a2)[0])
 
 
 @inner_kernel

@@ -114,8 +114,8 @@ class Search(NamedTuple):
     force_prior: Floats  # (2,) mean and standard deviation of log force
     offsets: Ints  # (1,) whether the zeros of boards are unknowns
     n_plans: Ints  # (1,)
-    # two contacts that go, number of new ones, then kind, s, a, log force, size of each
-    plan: Floats  # (16 (g + 1), 13)
+    plan: Ints  # (16 (g + 1), 5) two contacts that go, number of new ones, kind of each
+    plan_theta: Floats  # (16 (g + 1), 2, 4) the new ones
     n_hypotheses: Ints  # (1,)
     h_theta: Floats  # (h, g, 4)
     h_kind: Ints  # (h, g)
@@ -217,7 +217,8 @@ def make_search(lay: Layout) -> Search:
         force_prior=z(2),
         offsets=z(1, np.int64),
         n_plans=z(1, np.int64),
-        plan=z((16 * (g + 1), 13)),
+        plan=z((16 * (g + 1), 5), np.int64),
+        plan_theta=z((16 * (g + 1), 2, 4)),
         n_hypotheses=z(1, np.int64),
         h_theta=z((KEPT, g, 4)),
         h_kind=z((KEPT, g), np.int64),

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 
-from skinbus.estimate.kernels.layout import Bools, Floats, Ints, Layout
+from skinbus.estimate.kernels.layout import Ints, Layout
 from skinbus.estimate.kernels.workspace import NO_VALUE, PATCH_CLUSTERS, Work
 from skinbus.jit import inner_kernel, runtime_int
 
@@ -66,8 +66,14 @@ def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
     is its maximum. Where two peaks meet, the lower one ends: it stands out if its maximum is far
     enough above the saddle.
     """
-    p, state, active, parent, order, starts = w.p, w.state, w.active, w.parent, w.order, w.starts
-    edge_start, edge_to, sigma = lay.edge_start, lay.edge_to, lay.sigma
+    p, state, parent, order, edge_start, edge_to = (
+        w.p,
+        w.state,
+        w.parent,
+        w.order,
+        lay.edge_start,
+        lay.edge_to,
+    )
     n = 0
     for i in range(i0, i1):
         parent[i] = -1
@@ -88,25 +94,26 @@ def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
             if j < i0 or j >= i1:
                 continue
             if state[j] != NO_VALUE:
-                k = _join(p, sigma, active, parent, starts, i, j, k)
+                k = join(lay, w, i, j, k)
                 continue
             for f in range(edge_start[j], edge_start[j + 1]):
                 j2 = edge_to[f]
                 if i0 <= j2 < i1 and state[j2] != NO_VALUE:
-                    k = _join(p, sigma, active, parent, starts, i, j2, k)
+                    k = join(lay, w, i, j2, k)
     # peaks that met no higher one
     for o in range(n):
         i = order[o]
-        if active[i] and parent[i] == i:
-            k = _keep(p, starts, i, k)
+        if w.active[i] and parent[i] == i:
+            k = keep(w, i, k)
     if k_wanted > 0:
         k = min(k, k_wanted)
     return k
 
 
 @inner_kernel
-def _join(p: Floats, sigma: Floats, active: Bools, parent: Ints, starts: Ints, i: int, j: int, k: int) -> int:
+def join(lay: Layout, w: Work, i: int, j: int, k: int) -> int:
     """Join the peaks of i, which is being met, and its neighbour j; return the number of maxima kept."""
+    p, parent = w.p, w.parent
     if parent[j] < 0:
         return k
     high, low = find_root(parent, j), find_root(parent, i)
@@ -115,26 +122,22 @@ def _join(p: Floats, sigma: Floats, active: Bools, parent: Ints, starts: Ints, i
     if p[high] < p[low] or (p[high] == p[low] and high > low):
         high, low = low, high
     parent[low] = high
-    if low != i and active[low] and stands_out(p, sigma, low, p[i]):
-        return _keep(p, starts, low, k)
-    return k
+    return keep(w, low, k) if low != i and w.active[low] and stands_out(lay, w, low, p[i]) else k
 
 
 @inner_kernel
-def stands_out(p: Floats, sigma: Floats, i: int, saddle: float) -> bool:
+def stands_out(lay: Layout, w: Work, i: int, saddle: float) -> bool:
     """Return whether tactel i is far enough above a saddle (Pa): by more than noise and gains make it."""
-    depth = p[i] - saddle
-    return bool(depth > STANDS_OUT * sigma[i] and depth > DIP * p[i])
+    depth = w.p[i] - saddle
+    return bool(depth > STANDS_OUT * lay.sigma[i] and depth > DIP * w.p[i])
 
 
 @inner_kernel
-def _keep(p: Floats, starts: Ints, i: int, k: int) -> int:
+def keep(w: Work, i: int, k: int) -> int:
     """Insert maximum i into the list of k starts, highest first; return the new length."""
-    j = k
-    if k == PATCH_CLUSTERS:
-        if p[starts[k - 1]] >= p[i]:
-            return k
-        j = k - 1
+    p, starts, j = w.p, w.starts, min(k, PATCH_CLUSTERS - 1)
+    if k == PATCH_CLUSTERS and p[starts[j]] >= p[i]:
+        return k
     while j > 0 and p[starts[j - 1]] < p[i]:
         starts[j] = starts[j - 1]
         j -= 1

@@ -62,9 +62,7 @@ def note_border(lay: Layout, w: Work, i: int, j: int, n: int) -> int:
     if lay.patch[j] <= lay.patch[i] or label[j] < 0 or n == len(border):
         return n
     saddle, slope, a, b = min(p[i], p[j]), max(p[i], p[j]), w.cluster_peak[label[i]], w.cluster_peak[label[j]]
-    if stands_out(
-        p, lay.sigma, a if p[a] < p[b] else b, saddle
-    ):  # nor is there less of one between their roots
+    if stands_out(lay, w, a if p[a] < p[b] else b, saddle):  # nor is there less of a valley between roots
         return n
     o = runtime_int(n)
     while o > 0:
@@ -90,7 +88,7 @@ def merge_clusters(lay: Layout, w: Work, n_clusters: int) -> None:
         a, b = find_root(root_of, label[i]), find_root(root_of, label[j])
         if p[peak[a]] < p[peak[b]]:
             a, b = b, a
-        if a != b and not stands_out(p, lay.sigma, peak[b], min(p[i], p[j])):
+        if a != b and not stands_out(lay, w, peak[b], min(p[i], p[j])):
             root_of[b] = a
     for c in range(n_clusters):
         w.first_of[c] = -1

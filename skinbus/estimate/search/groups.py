@@ -29,6 +29,7 @@ from skinbus.estimate.search.evidence import (
     top_score,
     write_chi2,
 )
+from skinbus.estimate.search.least_squares import copy_contact
 from skinbus.estimate.search.model import press, weigh
 from skinbus.estimate.search.moves import expand
 from skinbus.jit import inner_kernel
@@ -168,8 +169,7 @@ def take_group(w: Work, q: Search, first: int) -> int:
     k = 0
     for c in range(w.n_contacts[0]):
         if w.alive[c] and w.group[c] == first and k < GROUP:
-            for x in range(4):
-                q.theta[k, x] = w.place[c, x]
+            copy_contact(w.place[c], q.theta[k])
             q.rows[k] = c
             k += 1
     return k
@@ -199,8 +199,7 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
             return
         if not search:
             for c in range(k):
-                for x in range(4):
-                    w.place[q.rows[c], x] = q.h_theta[0, c, x]
+                copy_contact(q.h_theta[0, c], w.place[q.rows[c]])
                 measure(lay, w, q.rows[c])
             return
         search_group(lay, w, q, link, full)

@@ -196,11 +196,17 @@ def descend(
 
 
 @inner_kernel
+def copy_contact(source: Floats, to: Floats) -> None:
+    """Copy place, log force and size of a contact."""
+    for x in range(4):
+        to[x] = source[x]
+
+
+@inner_kernel
 def copy_contacts(source: Floats, to: Floats, k: int) -> None:
     """Copy k rows of contacts."""
     for c in range(k):
-        for x in range(4):
-            to[c, x] = source[c, x]
+        copy_contact(source[c], to[c])
 
 
 @inner_kernel

@@ -28,7 +28,7 @@ from skinbus.estimate.kernels.law import amplitude, log_force_at, pressure
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.workspace import GROUP, KINDS, Search, Work
 from skinbus.estimate.search.evidence import RIVAL, TRY, consider, misfit, prepare
-from skinbus.estimate.search.least_squares import invert
+from skinbus.estimate.search.least_squares import copy_contact, copy_contacts, invert
 from skinbus.jit import inner_kernel
 
 FELT, ENOUGH = 3.0, 4
@@ -60,19 +60,16 @@ def expand(lay: Layout, w: Work, q: Search, link: int, h: int, full: bool) -> No
     if (full or misfit(q, h) > 1.0) and q.h_chi2[h, 0] > EVIDENT:
         propose_more(lay, q, link, h)
     for move in range(q.n_plans[0]):
-        free = int(q.plan[move, 2])
-        k = free
+        free = k = q.plan[move, 2]
+        copy_contacts(q.plan_theta[move], q.theta, free)
         for c in range(free):
-            q.kind[c] = int(q.plan[move, 3 + 5 * c])
-            for x in range(4):
-                q.theta[c, x] = q.plan[move, 4 + 5 * c + x]
+            q.kind[c] = q.plan[move, 3 + c]
             q.theta[c, 1] = wrap(q.theta[c, 1], surface_of(lay.link, link).period)
             keep_on_board(lay, link, q.listed, q.n_listed[0], q.theta[c])
         for c in range(q.h_count[h]):
-            if c != int(q.plan[move, 0]) and c != int(q.plan[move, 1]):
+            if c != q.plan[move, 0] and c != q.plan[move, 1]:
                 q.kind[k] = q.h_kind[h, c]
-                for x in range(4):
-                    q.theta[k, x] = q.h_theta[h, c, x]
+                copy_contact(q.h_theta[h, c], q.theta[k])
                 k += 1
         consider(lay, w, q, link, k, free)
 
@@ -80,18 +77,19 @@ def expand(lay: Layout, w: Work, q: Search, link: int, h: int, full: bool) -> No
 @inner_kernel
 def propose(q: Search, gone: int, also: int) -> None:
     """Begin a proposal to replace contacts ``gone`` and ``also`` (-1 for none) by those of :func:`put`."""
-    row = q.n_plans[0]
+    plan = q.plan[q.n_plans[0]]
     q.n_plans[0] += 1
-    q.plan[row, 0], q.plan[row, 1], q.plan[row, 2] = gone, also, 0
+    plan[0], plan[1], plan[2] = gone, also, 0
 
 
 @inner_kernel
 def put(q: Search, kind: int, s: float, a: float, log_force: float, size: float) -> None:
     """Add a new contact to the proposal begun last."""
-    plan = q.plan[q.n_plans[0] - 1]
-    to = 3 + 5 * int(plan[2])
-    plan[2] += 1
-    plan[to], plan[to + 1], plan[to + 2], plan[to + 3], plan[to + 4] = kind, s, a, log_force, size
+    row = q.n_plans[0] - 1
+    c = q.plan[row, 2]
+    to = q.plan_theta[row, c]
+    q.plan[row, 2], q.plan[row, 3 + c] = c + 1, kind
+    to[0], to[1], to[2], to[3] = s, a, log_force, size
 
 
 @inner_kernel
