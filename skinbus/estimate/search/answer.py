@@ -190,7 +190,8 @@ def write_answer(lay: Layout, w: Work, q: Search, link: int, first: int, full: b
     gain = 0.0
     for t in range(q.n_listed[0]):
         i = q.listed[t]
-        gain += ((w.p[i] - q.back[t]) ** 2 - q.pull[t] ** 2) / lay.sigma[i] ** 2
+        left = 0.0 if w.state[i] == SATURATED else q.pull[t]
+        gain += ((w.p[i] - q.back[t]) ** 2 - left**2) / lay.sigma[i] ** 2
     for c in range(k):
         flag_contact(lay, w, q, link, best, c, q.rows[c], is_cut)
         # what explains the readings is a contact unless noise reads as much
