@@ -52,6 +52,19 @@ def test_contact_near_the_threshold_does_not_flicker():
     assert min(below) < skin.baseline.threshold[tactel]
 
 
+@pytest.mark.parametrize("level", LEVELS)
+def test_held_touch_beside_a_higher_reading_that_is_none_is_one_contact(level):
+    skin = Skin(level)
+    for _ in range(50):
+        skin.read()
+    at, beside = 5, 6
+    share = np.zeros(skin.arm.n_tactels)
+    for share[at], share[beside], n in ((1.3, 0.0, 20), (0.9, 0.95, 1)):
+        for _ in range(n):
+            contacts = skin.read(share * skin.baseline.threshold, sigma=0.0)
+    assert len(contacts) == 1
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("level", LEVELS)
 def test_skin_that_has_become_noisier_makes_no_contact(level):

@@ -56,7 +56,6 @@ class Work(NamedTuple):
     random: Ints  # (1,) state of the generator of random starts
     work: Ints  # (5,) see ``budget``
 
-    cluster_patch: Ints  # (c,)
     cluster_peak: Ints  # (c,) tactel of its largest pressure
     cluster_x: Floats  # (c,) m, developed about its patch
     cluster_y: Floats
@@ -158,7 +157,6 @@ def make_workspace(lay: Layout) -> Work:
         starts=ints(PATCH_CLUSTERS),
         random=ints(1),
         work=ints(5),
-        cluster_patch=ints(c),
         cluster_peak=ints(c),
         cluster_x=np.zeros(c),
         cluster_y=np.zeros(c),

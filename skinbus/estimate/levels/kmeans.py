@@ -34,6 +34,8 @@ MAX_ROUNDS = 64
 def cluster_patch(lay: Layout, w: Work, patch: int, first: int, k_wanted: int, random: bool) -> int:
     """Cluster the active tactels of a patch into columns ``first``...; return the number of clusters.
 
+    Some may have no tactels.
+
     ``k_wanted`` 0 chooses K by the maxima. ``random`` starts from K random active tactels instead.
     """
     i0, i1 = lay.patch_start[patch], lay.patch_start[patch + 1]
@@ -46,7 +48,15 @@ def cluster_patch(lay: Layout, w: Work, patch: int, first: int, k_wanted: int, r
         w.cluster_x[first + c] = lay.x[w.starts[c]]
         w.cluster_y[first + c] = lay.y[w.starts[c]]
     assign_and_average(lay, w, i0, i1, first, k)
-    return drop_empty(w, patch, i0, i1, first, k)
+    label, peak = w.label, w.cluster_peak
+    for c in range(first, first + k):
+        peak[c], w.cluster_root[c] = -1, c
+    for i in range(i0, i1):
+        if label[i] >= 0:
+            label[i] += first
+            if peak[label[i]] < 0 or w.p[i] > w.p[peak[label[i]]]:
+                peak[label[i]] = i
+    return k
 
 
 @inner_kernel
@@ -100,10 +110,10 @@ def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
                 j2 = edge_to[f]
                 if i0 <= j2 < i1 and state[j2] != NO_VALUE:
                     k = join(lay, w, i, j2, k)
-    # peaks that met no higher one
+    # peaks that met no higher one, or else what is touched below one that is not
     for o in range(n):
         i = order[o]
-        if w.active[i] and parent[i] == i:
+        if w.active[i] and (parent[i] == i or k == 0):
             k = keep(w, i, k)
     if k_wanted > 0:
         k = min(k, k_wanted)
@@ -217,28 +227,3 @@ def assign_and_average(lay: Layout, w: Work, i0: int, i1: int, first: int, k: in
                 mean_y[c] += sum_y / mass
         if k == 1:
             break
-
-
-@inner_kernel
-def drop_empty(w: Work, patch: int, i0: int, i1: int, first: int, k: int) -> int:
-    """Close the gaps of clusters without tactels, make labels global; return how many are left."""
-    p, label, peak = w.p, w.label, w.starts
-    kept = 0
-    for c in range(k):
-        peak[c] = -1
-    for i in range(i0, i1):
-        c = label[i]
-        if c >= 0 and (peak[c] < 0 or p[i] > p[peak[c]]):
-            peak[c] = i
-    for c in range(k):
-        if peak[c] < 0:
-            continue
-        to = first + kept
-        w.cluster_x[to], w.cluster_y[to] = w.cluster_x[first + c], w.cluster_y[first + c]
-        w.cluster_patch[to], w.cluster_peak[to], w.cluster_root[to] = patch, peak[c], to
-        peak[c] = to
-        kept += 1
-    for i in range(i0, i1):
-        if label[i] >= 0:
-            label[i] = peak[label[i]]
-    return kept

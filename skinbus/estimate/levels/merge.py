@@ -105,7 +105,8 @@ def describe(lay: Layout, w: Work, root: int, place: Floats) -> tuple[int, int, 
     Returns the number of tactels, the tactel of the largest pressure and sum (p/sigma)^2.
     """
     p, member, tactel_s, tactel_a, tactel_law, sigma = w.p, w.member, lay.s, lay.a, lay.law, lay.sigma
-    link, peak = lay.patch_link[w.cluster_patch[root]], w.cluster_peak[root]
+    peak = w.cluster_peak[root]
+    link = lay.patch_link[lay.patch[peak]]
     surface = surface_of(lay.link, link)
 
     # pressure-weighted centroid on the surface, developed about the strongest tactel (eq. 4)
@@ -149,7 +150,7 @@ def write_contacts(lay: Layout, w: Work, n_clusters: int) -> None:
     """Write one contact for each root whose sum of (p/sigma)^2 is enough; set ``n_contacts``."""
     k = 0
     for c in range(n_clusters):
-        if find_root(w.cluster_root, c) != c:
+        if w.first_of[c] < 0:
             continue
         n, peak, evidence = describe(lay, w, c, w.place[k])
         is_held = False
