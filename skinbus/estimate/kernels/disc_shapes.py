@@ -18,7 +18,7 @@ Source: ``tests/estimate/kernels/test_disc_shapes.py`` makes the same modes from
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -115,7 +115,7 @@ def learned_shapes(step: float, table: Floats, radius: float) -> tuple[Floats, f
     return np.stack(shifted), own
 
 
-def _read(tables: Floats, at: Floats) -> Floats:
+def _read(tables: Floats, at: npt.NDArray[Any]) -> Floats:
     """Return tables (..., m) at distances (n,) in half widths, (..., n), by splines that are flat at 0."""
     last = SPACING * (tables.shape[-1] - 1)
     spline = CubicSpline(np.linspace(0.0, last, tables.shape[-1]), tables, axis=-1, bc_type="clamped")
