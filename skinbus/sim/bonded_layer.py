@@ -72,17 +72,19 @@ def transfer(
     xi: npt.ArrayLike,
     *,
     thickness: float,
-    poisson: float,
+    poisson: float | None,
     depth: float | None = None,
     tangential: bool = False,
 ) -> Floats:
     """Return normal stress at a depth per surface traction, both transformed, at wave numbers xi (1/m).
 
-    ``depth`` (m) is counted from the surface and is that of the base unless given. Written in decaying
-    exponentials, so that nothing overflows.
+    ``depth`` (m) is counted from the surface and is that of the base unless given. Without ``poisson``
+    there is no base: a half-space. Written in decaying exponentials, so that nothing overflows.
     """
     xi = np.asarray(xi, np.float64)
     depth = thickness if depth is None else depth
+    if poisson is None:
+        return np.asarray(np.exp(-xi * depth) * (xi * depth + (not tangential)))
     n, m, kappa = 2.0 * (1.0 - poisson), 1.0 - 2.0 * poisson, 3.0 - 4.0 * poisson
     x, e = xi * thickness, xi * (thickness - depth)
     # hyperbolic functions divided by exp(x) and exp(e)
@@ -112,7 +114,7 @@ def profile(
     d: npt.ArrayLike,
     *,
     thickness: float,
-    poisson: float,
+    poisson: float | None,
     depth: float | None = None,
     tactel_radius: float = 0.0,
     indenter_radius: float = 0.0,
@@ -150,7 +152,7 @@ def table(*, reach: float, thickness: float, tangential: bool = False, **more: A
 
 @lru_cache(maxsize=8)
 def quarter_plane(
-    indenter: Indenter, *, thickness: float, poisson: float, tactel_radius: float
+    indenter: Indenter, *, thickness: float, poisson: float | None, tactel_radius: float
 ) -> tuple[Floats, float]:
     """Return pressures per newton, (n_u, n_v) 1/m^2 at multiples of a step, and the step (m)."""
     beyond = REACH * thickness + tactel_radius

@@ -44,6 +44,21 @@ class Elastic(LayerSettings):
 
 
 @settings
+class HalfSpace(LayerSettings):
+    """A cover without a base under it: an elastic half-space after Boussinesq and Cerruti, tactels inside."""
+
+    law = "half-space"
+    discs = True
+    depth_mm: float = parameter(6.0, "mm", "depth of the tactels", gt=0, le=100)
+
+    def bind(self, geometry: Geometry, indenters: Sequence[Indenter]) -> Law:
+        """Return the law on a geometry, for these indenters."""
+        from skinbus.sim.layer_elastic import ElasticLaw
+
+        return ElasticLaw(geometry, indenters, thickness=1e-3 * self.depth_mm, poisson=None)
+
+
+@settings
 class ConeSettings(LayerSettings):
     """The paper's cone, eq. 5-10, on point tactels: that of a board's law, or the default one.
 
@@ -77,4 +92,4 @@ class ConeLaw:
             pressures[tactels] += np.maximum(0.0, height - slope * np.hypot(x, y))
 
 
-LAWS: dict[str, type[LayerSettings]] = {cls.law: cls for cls in (Elastic, ConeSettings)}
+LAWS: dict[str, type[LayerSettings]] = {cls.law: cls for cls in (Elastic, HalfSpace, ConeSettings)}

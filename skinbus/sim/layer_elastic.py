@@ -36,7 +36,7 @@ class RoundTables:
     """Tables of a round indenter, by its radius of contact, for tactels of some diameters (m)."""
 
     def __init__(
-        self, indenter: Indenter, diameters: Floats, layer: dict[str, float], *, tangential: bool = False
+        self, indenter: Indenter, diameters: Floats, layer: dict[str, Any], *, tangential: bool = False
     ) -> None:
         self._radii = indenter.radii()
         given: dict[str, Any] = {
@@ -78,9 +78,9 @@ class ElasticLaw:
     """The elastic layer bound to an arm."""
 
     def __init__(
-        self, geometry: Geometry, indenters: Sequence[Indenter], *, thickness: float, poisson: float
+        self, geometry: Geometry, indenters: Sequence[Indenter], *, thickness: float, poisson: float | None
     ) -> None:
-        layer = {"thickness": thickness, "poisson": poisson}
+        layer: dict[str, Any] = {"thickness": thickness, "poisson": poisson}
         diameters, self._size = np.unique(geometry.diameter, return_inverse=True)
         self._geometry = geometry
         numbered = list(enumerate(indenters))

@@ -17,7 +17,7 @@ from skinbus.sim.default_scene import default_scene
 from skinbus.sim.effect import Effect, parameter, settings
 from skinbus.sim.effects import ORDER, effect_class
 from skinbus.sim.indenter import Shape
-from skinbus.sim.laws import LAWS, Elastic, LayerSettings
+from skinbus.sim.laws import LAWS, ConeSettings, Elastic, LayerSettings
 from skinbus.sim.scene import Scene
 from skinbus.sim.touch_table import TouchTable, touch_of
 
@@ -138,7 +138,7 @@ def _law_faults(layer: LayerSettings | None, touches: list[TouchTable], effects:
     """Return what a scene asks of a law that does not have it, and inclined touches without shear."""
     names = {*effects} if isinstance(effects, dict) else {"shear"}
     faults = []
-    if layer is not None and not isinstance(layer, Elastic):
+    if isinstance(layer, ConeSettings):
         wanted = f"layer law {Elastic.law!r}: the {layer.law} is the law of a push in one place"
         shapes = sorted({touch.shape for touch in touches} & {"edge", "palm", "sphere"})
         faults += [Fault("touch.shape", shape, wanted) for shape in shapes]

@@ -97,6 +97,7 @@ def test_thick_layer_is_the_half_space_of_boussinesq():
         for poisson in (0.2, 0.48):
             k = profile(r, thickness=thickness, poisson=poisson, depth=depth)
             assert np.abs(k - wanted).max() < tolerance * wanted[0]
+    np.testing.assert_allclose(profile(r, thickness=depth, poisson=None), wanted, atol=1e-10 * wanted[0])
 
 
 def test_thick_layer_under_a_tangential_load_is_the_half_space_of_cerruti():
@@ -104,6 +105,8 @@ def test_thick_layer_under_a_tangential_load_is_the_half_space_of_cerruti():
     given = profile(d, thickness=0.2, poisson=0.3, depth=z, tangential=True)
     expected = 3.0 * d * z * z / (2.0 * np.pi * (d * d + z * z) ** 2.5)
     np.testing.assert_allclose(given, expected, atol=2e-4 * expected.max())
+    exact = profile(d, thickness=z, poisson=None, tangential=True)
+    np.testing.assert_allclose(exact, expected, atol=1e-10 * expected.max())
 
 
 @pytest.mark.parametrize("poisson", [0.3, 0.48])
