@@ -6,20 +6,18 @@ every touch than six of its own standard deviations, and what the touch moves in
 says that nothing may touch there.
 """
 
-import heapq
 from collections import Counter
 
 import numpy as np
 import pytest
 
-from skinbus.can.core import Core, Step
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.estimate import Quality
 from skinbus.master import Master
 from skinbus.objects import cia
 from skinbus.sim import World, load_scene
-from tests.master.misbehaving import Tool, swapped_mappings
-from tests.master.misbehaving_rig import MS, TPDO_OF, is_boot_up, still_waiting
+from tests.master.misbehaving import Delayed, Tool, swapped_mappings
+from tests.master.misbehaving_rig import MS, TPDO_OF
 
 SEED = 20_261_131
 """Not one of those that anything was tuned on."""
@@ -88,21 +86,16 @@ def plans_of(rng):
     return plans
 
 
-class Boards(Core):
+class Boards(Delayed):
     """A world on a bus whose boards misbehave by plan: (begin_ns, end_ns, kind) by node-ID."""
 
     def __init__(self, world, plans, rng, wire):
-        self.world, self.plans, self.rng, self.wire = world, plans, rng, wire
+        super().__init__(world)
+        self.plans, self.rng, self.wire = plans, rng, wire
         self._doing = {node_id: ((None, None), {}) for node_id in plans}
         """What a board does, and what it has drawn for that."""
         self._held = {}
-        self._waiting = []
-        self._n = 0
         wire.attach(self)
-
-    @property
-    def cob_ids(self):
-        return self.world.cob_ids
 
     def kind_of(self, now_ns, node_id):
         """When what a board does now began, and what it is; None: what it should."""
@@ -116,22 +109,11 @@ class Boards(Core):
             doing = self.kind_of(now_ns, node_id)
             if self._doing[node_id][0] != doing:
                 self._doing[node_id] = doing, self._begin(node_id, doing[1])
-        step, out = self.world.step(now_ns, frames), []
-        for frame in step.frames:
-            number, node_id = TPDO_OF.get(frame.can_id & ~0x7F), frame.can_id & 0x7F
-            if is_boot_up(frame):
-                self._waiting = still_waiting(self._waiting, node_id)
-            if number is None or node_id not in self.plans:
-                out.append(frame)
-            else:
-                self._pass_on(now_ns, frame, number, *self._doing[node_id])
-        while self._waiting and self._waiting[0][0] <= now_ns:
-            out.append(heapq.heappop(self._waiting)[2])
-        return Step(out, step.events, min([step.wake_ns, *(w[0] for w in self._waiting[:1])]))
+        return super().step(now_ns, frames)
 
     def _begin(self, node_id, kind):
         """Begin to do something; return what is drawn for it."""
-        device = self.world.devices[node_id - 1]
+        device = self.device.devices[node_id - 1]
         self._held = {key: data for key, data in self._held.items() if key & 0x7F != node_id}
         if kind == "reboot":
             device.command(cia.NmtCommand.RESET_NODE)
@@ -148,10 +130,14 @@ class Boards(Core):
             "stuck": (-0x8000, 0x7FFF, None)[self.rng.integers(3)],
         }
 
-    def _pass_on(self, now_ns, frame, number, doing, drawn):
-        kind, late_ns, is_chosen = doing[1], 0.0, number == drawn.get("number")
+    def later(self, now_ns, frame):
+        number, node_id = TPDO_OF.get(frame.can_id & ~0x7F), frame.can_id & 0x7F
+        if number is None or node_id not in self.plans:
+            return [(now_ns, frame)]
+        (_, kind), drawn = self._doing[node_id]
+        late_ns, is_chosen, more = 0.0, number == drawn.get("number"), []
         if (kind == "lossy" and self.rng.random() < 0.05) or (kind == "missing" and is_chosen):
-            return
+            return []
         if kind == "late" or (kind == "torn" and number > 2):
             late_ns = drawn["late_ns"]
         elif kind == "random":
@@ -161,12 +147,12 @@ class Boards(Core):
         elif kind == "late at times" and now_ns // PERIOD_NS % 25 == 0:
             late_ns = PERIOD_NS
         elif kind == "again in the next period":
-            self._send(now_ns + PERIOD_NS, frame)
+            more = [(now_ns + PERIOD_NS, frame)]
         elif kind == "repeated":
-            self._send(now_ns + drawn["second_ns"], frame)
+            more = [(now_ns + drawn["second_ns"], frame)]
         elif kind == "doubled":
             other = self.rng.normal(0.0, 8.0, 4).astype("<i2").tobytes()
-            self._send(now_ns + drawn["second_ns"], frame._replace(data=other))
+            more = [(now_ns + drawn["second_ns"], frame._replace(data=other))]
         elif kind == "frozen" or (kind == "half frozen" and number in drawn["half"]):
             frame = frame._replace(data=self._held.setdefault(frame.can_id, frame.data))
         elif kind == "rails":
@@ -185,11 +171,7 @@ class Boards(Core):
                 drawn["stuck"] = counts[drawn["tactel"] % 4]
             counts[drawn["tactel"] % 4] = drawn["stuck"]
             frame = frame._replace(data=counts.tobytes())
-        self._send(now_ns + late_ns, frame)
-
-    def _send(self, t_ns, frame):
-        self._n += 1
-        heapq.heappush(self._waiting, (round(t_ns), self._n, frame))
+        return [*more, (now_ns + late_ns, frame)]
 
 
 class Remapper(Tool):

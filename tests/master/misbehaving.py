@@ -1,5 +1,7 @@
 """Boards that misbehave, and another tool that changes them behind the master's back."""
 
+import heapq
+
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.node.sdo_client import SdoClient
 from skinbus.objects import cia
@@ -75,21 +77,38 @@ class Wrapped(Core):
         return self.device.step(now_ns, frames)
 
 
-class Late(Wrapped):
-    """It sends everything a little later than another board does: no frames of both meet on the wire."""
-
-    delay_ns = 400_000
+class Delayed(Wrapped):
+    """Boards whose frames pass through ``later(now_ns, frame)``: those to send for one, and when (ns)."""
 
     def __init__(self, device):
         super().__init__(device)
-        self.waiting = []
+        self._waiting, self._n = [], 0
+
+    def later(self, now_ns, frame):
+        return [(now_ns, frame)]
 
     def step(self, now_ns, frames):
         step = self.device.step(now_ns, frames)
-        self.waiting += [(now_ns + self.delay_ns, frame) for frame in step.frames]
-        due = [frame for at_ns, frame in self.waiting if at_ns <= now_ns]
-        self.waiting = [(at_ns, frame) for at_ns, frame in self.waiting if at_ns > now_ns]
-        return Step(due, step.events, min([step.wake_ns, *(at_ns for at_ns, _ in self.waiting)]))
+        for frame in step.frames:
+            if (
+                frame.can_id & ~0x7F == cia.HEARTBEAT_BASE and frame.data == b"\0"
+            ):  # what it had to send is gone
+                self._waiting = [entry for entry in self._waiting if (entry[2].can_id ^ frame.can_id) & 0x7F]
+                heapq.heapify(self._waiting)
+            for t_ns, out in self.later(now_ns, frame):
+                self._n += 1
+                heapq.heappush(self._waiting, (round(t_ns), self._n, out))
+        due = []
+        while self._waiting and self._waiting[0][0] <= now_ns:
+            due.append(heapq.heappop(self._waiting)[2])
+        return Step(due, step.events, min([step.wake_ns, *(entry[0] for entry in self._waiting[:1])]))
+
+
+class Late(Delayed):
+    """It sends everything a little later than another board does: no frames of both meet on the wire."""
+
+    def later(self, now_ns, frame):
+        return [(now_ns + 400_000, frame)]
 
 
 class Rebooting(Wrapped):

@@ -1,6 +1,5 @@
 """Patches that boot and then misbehave: late, torn, mute, doubled; their readings name their SYNC."""
 
-import heapq
 import struct
 
 import numpy as np
@@ -11,23 +10,13 @@ from skinbus.can.virtual_bus import VirtualBus
 from skinbus.master import Master
 from skinbus.objects import cia
 from skinbus.sim import World, load_scene
+from tests.master.misbehaving import Delayed
 
 MS = 1_000_000
 TPDO_OF = {base: number for number, base in enumerate(cia.TPDO_BASES, 1)}
 
 
-def is_boot_up(frame):
-    return frame.can_id & ~0x7F == cia.HEARTBEAT_BASE and frame.data == b"\0"
-
-
-def still_waiting(waiting, node_id):
-    """What is left of late frames (time, number, frame) when a board resets: its own are gone."""
-    left = [entry for entry in waiting if entry[2].can_id & 0x7F != node_id]
-    heapq.heapify(left)
-    return left
-
-
-class Misbehaving(Core):
+class Misbehaving(Delayed):
     """A world whose readings are all equal to the number of the SYNC that they answer.
 
     ``delay(node_id, tpdo)`` returns by how many ns a frame is late, None for one that is never sent;
@@ -35,19 +24,13 @@ class Misbehaving(Core):
     """
 
     def __init__(self, world):
-        self.world = world
+        super().__init__(world)
         self.delay = lambda node_id, tpdo: 0
         self.doubled = set()
         self.second_ns = 200_000
         self.n_syncs = 0
         self.own = 0
         """Number of the newest SYNC of the master under test; others carry a counter."""
-        self._waiting = []
-        self._n = 0
-
-    @property
-    def cob_ids(self):
-        return self.world.cob_ids
 
     def step(self, now_ns, frames):
         for frame in frames:
@@ -55,28 +38,18 @@ class Misbehaving(Core):
                 self.n_syncs += 1
                 if not frame.data:
                     self.own = self.n_syncs
-        step = self.world.step(now_ns, frames)
-        out = []
-        for frame in step.frames:
-            tpdo, node_id = TPDO_OF.get(frame.can_id & ~0x7F), frame.can_id & 0x7F
-            if is_boot_up(frame):
-                self._waiting = still_waiting(self._waiting, node_id)
-            if tpdo is None:
-                out.append(frame)
-                continue
-            late_ns = self.delay(node_id, tpdo)
-            if late_ns is not None:
-                self._send(now_ns + round(late_ns), frame.can_id, self.n_syncs)
-            if node_id in self.doubled:
-                self._send(now_ns + self.second_ns, frame.can_id, -self.n_syncs)
-        while self._waiting and self._waiting[0][0] <= now_ns:
-            out.append(heapq.heappop(self._waiting)[2])
-        wake_ns = min(step.wake_ns, self._waiting[0][0] if self._waiting else step.wake_ns)
-        return Step(out, step.events, wake_ns)
+        return super().step(now_ns, frames)
 
-    def _send(self, t_ns, can_id, value):
-        self._n += 1
-        heapq.heappush(self._waiting, (t_ns, self._n, Frame(can_id, struct.pack("<4h", *[value] * 4))))
+    def later(self, now_ns, frame):
+        tpdo, node_id = TPDO_OF.get(frame.can_id & ~0x7F), frame.can_id & 0x7F
+        if tpdo is None:
+            return [(now_ns, frame)]
+        own, other = (
+            frame._replace(data=struct.pack("<4h", *[value] * 4)) for value in (self.n_syncs, -self.n_syncs)
+        )
+        late_ns = self.delay(node_id, tpdo)
+        sent = [] if late_ns is None else [(now_ns + late_ns, own)]
+        return sent + [(now_ns + self.second_ns, other)] * (node_id in self.doubled)
 
 
 class Foreign(Core):

@@ -1,6 +1,5 @@
 """A master that is killed and started again on a bus that goes on."""
 
-from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.master import Master
 from skinbus.master.memory import Memory
@@ -37,49 +36,13 @@ sigma_pa = 300.0
 """
 
 
-class Slot(Core):
-    """Where the master of the moment is; without one nothing is heard."""
-
-    def __init__(self):
-        self.master = None
-
-    @property
-    def cob_ids(self):
-        return self.master.cob_ids if self.master else frozenset()
-
-    def cob_ids_on(self, bus):
-        return self.master.cob_ids_on(bus) if self.master else frozenset()
-
-    def data_ids_on(self, bus):
-        return self.master.data_ids_on(bus) if self.master else frozenset()
-
-    @property
-    def n_owed(self):
-        return self.master.n_owed if self.master else 0
-
-    def take(self, now_ns, batch):
-        if self.master:
-            self.master.take(now_ns, batch)
-
-    def bus_news(self, now_ns, event):
-        if self.master:
-            self.master.bus_news(now_ns, event)
-
-    def not_sent(self, now_ns, frames):
-        if self.master:
-            self.master.not_sent(now_ns, frames)
-
-    def step(self, now_ns, frames):
-        return self.master.step(now_ns, frames) if self.master else Step((), (), NEVER)
-
-
 class Restarts:
     """The wire, the patches of a scene, and one master after the other."""
 
     def __init__(self, scene, **settings):
         self.scene = load_scene(scene)
         self.settings = settings
-        self.slot, self.reports, self.events = Slot(), [], []
+        self.master, self.reports, self.events = None, [], []
         self.world = World(self.scene)
         self.wire = VirtualBus(self.scene.arm.bus.bitrate)
         self.wire.attach(self.world)
@@ -95,14 +58,13 @@ class Restarts:
         """Start a master, which takes up what another one has learned; return what came of that."""
         master = Master(self.scene.arm, on_cycle=self.reports.append, **self.settings)
         found = Memory(master.cycle).resume(tables, age_s) if tables is not None else None
-        self.slot.master = master
-        if self._port is None:  # the wire asks once what carries readings
-            self._port = self.wire.attach(self.slot, on_event=self.events.append)
-        self.wire.wake(self._port)
+        if self.master:
+            self.kill()
+        self.master, self._port = master, self.wire.attach(master, on_event=self.events.append)
         return found
 
     def kill(self):
         """End the master without a word; return what it would have kept last."""
-        memory = Memory(self.slot.master.cycle)
-        self.slot.master = None
+        memory, self.master = Memory(self.master.cycle), None
+        self.wire.detach(self._port)
         return memory.as_tables(memory.snapshot())

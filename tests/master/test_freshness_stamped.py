@@ -1,47 +1,27 @@
 """CAN FD: the stamp of a frame says which SYNC it was sampled for, without an account and without a gap."""
 
-import heapq
-
 import numpy as np
 import pytest
 
-from skinbus.can.core import Core, Step
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.master import Master
 from skinbus.objects.profile import SampleStatus
 from skinbus.sim import World, load_scene
 from tests.fd_arm import write_scene_file
+from tests.master.misbehaving import Delayed
 
 MS = 1_000_000
 PERIOD_MS = 20
 READINGS = {0x181, 0x182}
 
 
-class Late(Core):
+class Late(Delayed):
     """A world whose readings are late by ``periods``."""
 
-    def __init__(self, world):
-        self.world = world
-        self.periods = 0.0
-        self._waiting, self._n = [], 0
+    periods = 0.0
 
-    @property
-    def cob_ids(self):
-        return self.world.cob_ids
-
-    def step(self, now_ns, frames):
-        step = self.world.step(now_ns, frames)
-        out = []
-        for frame in step.frames:
-            if frame.can_id in READINGS:
-                self._n += 1
-                heapq.heappush(self._waiting, (now_ns + round(self.periods * PERIOD_MS * MS), self._n, frame))
-            else:
-                out.append(frame)
-        while self._waiting and self._waiting[0][0] <= now_ns:
-            out.append(heapq.heappop(self._waiting)[2])
-        wake_ns = min([step.wake_ns, *(w[0] for w in self._waiting[:1])])
-        return Step(out, step.events, wake_ns)
+    def later(self, now_ns, frame):
+        return [(now_ns + (frame.can_id in READINGS) * self.periods * PERIOD_MS * MS, frame)]
 
 
 class StampedRig:

@@ -64,7 +64,7 @@ def test_killed_in_a_press_it_comes_back_with_the_same_contacts_and_forces(story
     assert {i: row[:2] for i, row in new.items()} == {i: row[:2] for i, row in old.items()}
     assert story.found.n_zeros == 16
     assert not story.found.stale
-    sd = story.restarts.slot.master.cycle.baseline.zero_sd
+    sd = story.restarts.master.cycle.baseline.zero_sd
     per_zero = 1e-4 * sd.sum()  # N, if all zeros are off by one sd: a pitch of 10 mm
     was, now = mean_force(story.before), mean_force(story.after)
     for identity in was:
@@ -87,14 +87,14 @@ def test_a_contact_that_ended_meanwhile_is_lifted_and_numbers_go_on(tmp_path):
     ]
     assert states[-1] == TrackState.LIFT
     last = story.tables["last_identity"], story.tables["last_id"]
-    assert story.restarts.slot.master.cycle.tracker.last == last
+    assert story.restarts.master.cycle.tracker.last == last
 
 
 def test_an_old_state_is_not_trusted_and_says_of_which_tactels(story):
     found = story.restarts.start(story.tables, 24 * 3600.0)
     assert found.stale == {0: 16}
     assert found.n_zeros == 0
-    assert not story.restarts.slot.master.cycle.baseline.zeros.any()
+    assert not story.restarts.master.cycle.baseline.zeros.any()
 
 
 def test_another_board_or_calibration_begins_anew(story):
@@ -126,7 +126,7 @@ WRONG = {
 
 @pytest.mark.parametrize("kind", WRONG)
 def test_nothing_in_a_state_raises(story, kind):
-    cycle = story.restarts.slot.master.cycle
+    cycle = story.restarts.master.cycle
     (name,) = story.tables["patches"]
     for key in [*story.tables["patches"][name], "contacts", "last_id", "last_identity", "patches"]:
         tables = story.copy()

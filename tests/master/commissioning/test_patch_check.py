@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from skinbus.can.core import Core, Step
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.master.commissioning.patch_check import MS, RULES, Grade, PatchCheck
 from skinbus.node import Device
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects.eds import eds_names, find_eds, load_eds
+from tests.master.misbehaving import Delayed
 
 NODE = 5
 BOARDS = [name for name in eds_names() if name.startswith("skin-patch")]
 LIMIT_NS = 200_000 * MS
 
 
-class Board(Core):
+class Board(Delayed):
     """A device whose frames pass through a fault: it is given each frame and returns it, another, or None.
 
     A frame may be a time (ns) later than it was made.
@@ -24,18 +24,15 @@ class Board(Core):
     cob_ids = None
 
     def __init__(self, device, fault=None, deaf=lambda frame: False):
-        self.device = device
-        self.fault = fault or (lambda frame: frame)
-        self.deaf = deaf
-        self.held = []
+        super().__init__(device)
+        self.fault, self.deaf = fault or (lambda frame: frame), deaf
 
     def step(self, now_ns, frames):
-        step = self.device.step(now_ns, [frame for frame in frames if not self.deaf(frame)])
-        self.held += [out for frame in step.frames if (out := self.fault(frame)) is not None]
-        due = [frame for frame in self.held if frame.t_ns <= now_ns]
-        self.held = [frame for frame in self.held if frame.t_ns > now_ns]
-        wake_ns = min([step.wake_ns, *(frame.t_ns for frame in self.held)])
-        return Step(due, (), wake_ns)
+        return super().step(now_ns, [frame for frame in frames if not self.deaf(frame)])
+
+    def later(self, now_ns, frame):
+        out = self.fault(frame)
+        return [(out.t_ns, out)] if out is not None else []
 
 
 def device(eds="skin-patch"):
@@ -239,18 +236,11 @@ def old():
     return fault
 
 
-def second_boot_up():
+class Twice(Sensing):
     """Every boot-up message comes again 50 ms later."""
 
-    class Twice(Sensing):
-        def step(self, now_ns, frames):
-            n = len(self.held)
-            step = super().step(now_ns, frames)
-            more = [f._replace(t_ns=now_ns + 50 * MS) for f in step.frames if is_boot_up(f) and not n]
-            self.held += more
-            return step._replace(wake_ns=min(step.wake_ns, *(f.t_ns for f in self.held))) if more else step
-
-    return Twice()
+    def later(self, now_ns, frame):
+        return super().later(now_ns, frame) + [(now_ns + 50 * MS, frame)] * is_boot_up(frame)
 
 
 def sensing(**own):
@@ -272,7 +262,7 @@ DEFECTS = {
     "a TPDO dies at counter overflow": (lambda: Sensing(nth(is_last, lambda k: k >= 1240, drop)), "readings"),
     "broadcast NMT ignored": (lambda: sensing(is_deaf_to_all=True), "states"),
     "no boot-up after 0x82": (lambda: Sensing(nth(is_boot_up, lambda k: k == 2, drop)), "boot-up"),
-    "two boot-ups": (second_boot_up, "boot-up"),
+    "two boot-ups": (Twice, "boot-up"),
     "toggle does not alternate": (
         lambda: Sensing(
             lambda f: (
