@@ -51,14 +51,6 @@ def test_every_command_has_help_with_an_example(name):
         assert f"skinbus {name} {sub}" in result.output
 
 
-@pytest.mark.parametrize(("group", "subs"), SUBCOMMANDS.items())
-def test_a_name_of_a_command_below_another_is_answered_with_the_whole(group, subs):
-    for sub in subs:
-        result = run(sub, "forearm")
-        assert result.exit_code == 2
-        assert f"skinbus {group} {sub}" in result.output or f"'{group} {sub}'" in result.output
-
-
 def test_unknown_command_is_answered_with_a_suggestion():
     result = run("demmo")
     assert result.exit_code == 2

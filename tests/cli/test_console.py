@@ -26,7 +26,6 @@ from skinbus.model import Arm, Link
 from skinbus.objects.contacts import ContactState
 from skinbus.view.screen import Screen
 from skinbus.view.table import contact_table
-from tests.cli.processes import process
 
 HOSTILE = [
     "\x1b]0;title\x07",
@@ -144,22 +143,3 @@ def test_words_of_the_command_line_are_escaped(words):
     assert answer.exit_code == 2
     assert "\x1b" not in answer.output
     assert r"\x1b[2J" in answer.output
-
-
-@pytest.mark.slow
-def test_a_name_of_a_file_is_escaped():
-    answer = process("run", "\x1b[2J.toml")
-    assert answer.returncode == 2
-    assert "\x1b" not in answer.stderr
-    assert r"\x1b[2J.toml" in answer.stderr
-
-
-def test_a_table_in_a_pipe_is_not_cut(monkeypatch):
-    monkeypatch.delenv("COLUMNS", raising=False)
-    file = io.StringIO()
-    table = Table(box=None)
-    for name in "abcd":
-        table.add_column(name, no_wrap=True)
-    table.add_row(*("x" * 70 for _ in range(4)))
-    Console(file=file).print(table)
-    assert file.getvalue().count("x") == 280

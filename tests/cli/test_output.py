@@ -10,7 +10,6 @@ import pytest
 from click.testing import CliRunner
 
 from skinbus.cli import group, output
-from skinbus.cli.formatting import nodes, span
 from skinbus.config.arm_file import find_arm
 from skinbus.objects.eds import find_eds
 from tests.cli.processes import process
@@ -168,9 +167,3 @@ def test_json_to_standard_output_stands_there_alone():
     answer = CliRunner().invoke(group, args)
     assert json.loads(answer.stdout)["holds"]
     assert "the plan holds" in answer.stderr
-
-
-def test_sets_of_nodes_in_words():
-    assert span([5, 2, 1, 3]) == "1-3, 5"
-    assert nodes([4]) == "node 4"
-    assert nodes(range(1, 28)) == "nodes 1-27"

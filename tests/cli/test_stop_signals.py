@@ -98,30 +98,3 @@ def test_a_stopped_master_leaves_the_patches_pre_operational_and_its_summary(
     assert (sim.returncode, complaints(err)) == (0, [])
     assert "frames in" in out
     assert "\n0 frames in" not in out
-
-
-@pytest.mark.slow
-def test_a_stopped_monitor_has_printed_each_cycle(skinbus, group):
-    bus = ("--interface", "udp_multicast", "--channel", group)
-    monitor = skinbus("monitor", "forearm", *bus, "--json-lines")
-    summary = Frame(0x1FF, bytes([7, 1, 24, 0, 200, 0, 50, 0]))
-    contact = Frame(0x681, bytes([3, 0x20]) + (778).to_bytes(2, "little") + bytes([100, 0, 0x20, 3]))
-    lines = []
-    reader = threading.Thread(target=lambda: lines.append(monitor.stdout.readline()), daemon=True)
-    reader.start()
-    with PythonCanBus("udp_multicast", group) as master:
-        while reader.is_alive():
-            master.send([summary, contact])
-            reader.join(0.1)  # the monitor may not be on the bus yet
-    monitor.send_signal(signal.SIGTERM)
-    _, err = monitor.communicate(timeout=PATIENCE_S)
-    assert (monitor.returncode, complaints(err)) == (0, [])
-    seen = {"id": 3, "link": "forearm", "state": "held", "s_mm": 77.8, "a_mm": 10.0, "force_n": 8.0}
-    told = json.loads(lines[0])
-    assert told == {
-        "sync": 7,
-        "level": None,  # this summary does not say
-        "latency_us": 500,
-        "flags": [],
-        "contacts": [seen],
-    }

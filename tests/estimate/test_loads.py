@@ -183,12 +183,3 @@ def test_single_tactel_has_a_load(threshold):
     assert loads.force > 0.0
     assert threshold < 1e9 or loads.force_sd >= loads.force
     assert np.isfinite([loads.force_sd, loads.links.s[0], loads.links.place_sd[0]]).all()
-
-
-def test_wrong_shapes_are_refused():
-    a_meter = meter(4, 10e-3)
-    n = a_meter.arm.n_tactels
-    with pytest.raises(ValueError, match="shape"):
-        a_meter.measure(np.zeros(n - 1), np.zeros(n))
-    with pytest.raises(ValueError, match="fresh"):
-        a_meter.measure(np.zeros(n), np.zeros(n), np.ones(3))

@@ -196,9 +196,3 @@ def test_arrays_of_any_kind_give_the_same_answer(change):
     a, b = estimator.update(pressures, 0), estimator.update(change(pressures), 0)
     assert np.array_equal(a.s, b.s)
     assert np.array_equal(a.covariance, b.covariance)
-
-
-def test_numbers_of_contacts_and_of_work_may_be_of_any_size():
-    arm = board()
-    for settings in ({"k": 10**30}, {"budget_work": 10**30}, {"seed": -(10**30), "start": "random", "k": 2}):
-        assert len(Estimator(arm, "fit", **settings).update(pressures_under(arm, FEELS), 0)) >= 1

@@ -43,17 +43,6 @@ def test_after_syncs_that_a_full_queue_discarded_or_sent_late(room, stuck_ms, re
     assert_back(rig)
 
 
-def test_after_a_queue_that_was_full_again_and_again():
-    rig = booted()
-    queue = FullQueue(rig.master, 10)
-    for stuck_ms in (300, 200, 500, 90):
-        queue.is_stuck = True
-        rig.run(stuck_ms)
-        queue.is_stuck = False
-        rig.run(150)
-    assert_back(rig)
-
-
 def answers_from(now, begins_ns, node_id, tpdo):
     """Half of the patches answer at once, the others later."""
     return 0 if node_id % 2 or now() >= begins_ns else None

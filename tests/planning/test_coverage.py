@@ -1,11 +1,8 @@
 """Coverage agrees with simulated presses where the bound holds, and with what the estimator registers."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from skinbus.config.system import load_arm
 from skinbus.estimate import Estimator
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Radial, Surface, grid
 from skinbus.planning.coverage import FORCE, cover
@@ -83,28 +80,3 @@ def test_areas_are_those_of_the_surface_and_bare_skin_is_blind():
     blind = np.isinf(coverage.least_force)
     assert 0.0 < coverage.area[blind].sum() < coverage.area[coverage.board < 0].sum()
     assert np.isinf(bare.least_force).all()
-
-
-def test_a_dead_tactel_makes_place_and_least_force_worse_around_it():
-    arm = ring(radial(), n=1)
-    healthy = np.ones(16, bool)
-    healthy[5] = False
-    placed = arm.patches[0]
-    other = Arm("dead", arm.links, [replace(placed, patch=replace(placed.patch, healthy=healthy))])
-    (whole,), (hurt,) = cover(arm), cover(other)
-    away = arm.links[0].surface.distance(whole.s, whole.a, arm.tactel_s[5], arm.tactel_a[5])
-    here = np.unravel_index(away.argmin(), away.shape)
-    assert hurt.least_force[here] > 2.0 * whole.least_force[here]
-    assert hurt.sd_force[here] ** 2 > 1.1 * whole.sd_force[here] ** 2
-
-
-def test_the_wrap_is_covered():
-    arm = load_arm("forearm")
-    (coverage,) = cover(arm, step=4e-3)
-    on_boards = coverage.board >= 0
-    assert on_boards.mean() > 0.9
-    assert np.isfinite(coverage.sd_place[on_boards]).all()
-    # rings of eight are alike: the back is a seam, the front the middle of a board
-    assert np.isfinite(coverage.least_force[:, [0, -1]][on_boards[:, [0, -1]]]).all()
-    front = np.abs(coverage.a) < 4e-3
-    assert np.median(coverage.least_force[front]) < 1.0

@@ -27,14 +27,6 @@ def test_shipped_arms_hold_at_their_own_rate():
         assert not result.warnings
 
 
-@pytest.mark.slow
-def test_largest_rate_holds_and_the_next_does_not():
-    arm = load_arm("forearm")
-    largest = plan(arm, COMPUTES, level="kmeans").levels[0].largest_hz
-    assert plan(arm, COMPUTES, level="kmeans", rate_hz=largest).holds
-    assert not plan(arm, COMPUTES, level="kmeans", rate_hz=largest + 0.5).holds
-
-
 def test_a_bit_rate_that_nodes_do_not_have_is_named():
     arm = load_arm("pad")
     assert not plan(arm, COMPUTES, level="kmeans", bitrate=500_000).warnings
@@ -201,14 +193,3 @@ def test_boards_of_ones_own_have_the_same_remedies_as_shipped_ones(tmp_path):
     ]
     shipped, mine = (plan(arm, COMPUTES, level="kmeans").warnings for arm in arms)
     assert mine == shipped
-
-
-def test_plan_command_shows_both_bit_rates(tmp_path):
-    arm = forearm_with(tmp_path, "skin-patch-fd", 80.0, "canfd = true")
-    file = tmp_path / "plan.json"
-    answer = CliRunner().invoke(group, ["plan", str(arm), "--compute-us", "400", "--json", str(file)])
-    assert answer.exit_code == 0, answer.output
-    assert "1 Mbit/s, CAN FD at 2 Mbit/s, 80 Hz" in answer.output
-    assert {"bits": 34, "data_bits": 518}.items() <= max(
-        json.loads(file.read_text())["messages"], key=lambda message: message["data_bits"]
-    ).items()

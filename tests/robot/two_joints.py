@@ -43,14 +43,6 @@ end_s = 9.0
 [effect.noise]
 sigma_pa = 100.0
 """
-FIXED = """
-[[joint]]
-name = "first"
-fixed_deg = 10
-[[joint]]
-name = "second"
-fixed_deg = 30
-"""
 
 
 def write(folder, arm=ARM):

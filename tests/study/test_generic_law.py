@@ -23,9 +23,3 @@ def test_shipped_law_is_the_one_that_is_learned(name):
     # A hundredth: how rounding is weighed moves it by two thousandths on boards of 8 bits.
     assert patch.law.misfit == pytest.approx(learned.misfit, rel=1e-2)
     assert patch.law.exponent == 1.0
-
-
-def test_boards_with_one_layout_have_one_law():
-    one, other = (describe_patch(load_eds(name, 1)).law for name in BOARDS[:2])
-    assert (one.step, one.misfit) == (other.step, other.misfit)
-    assert (one.table == other.table).all()

@@ -5,12 +5,10 @@ import pytest
 from click.testing import CliRunner
 
 from skinbus.cli import group
-from skinbus.config.system import load_arm, ods_of
+from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError, EdsError
 from skinbus.objects.board import describe_patch
-from skinbus.objects.dcf import write_dcf
 from skinbus.objects.eds import load_eds
-from skinbus.objects.profile import TACTEL_GAIN, index_of
 from tests.objects.analogue_module import module_eds
 
 ARM = """
@@ -110,32 +108,6 @@ def test_a_new_board_passes_its_check_and_a_spoilt_one_is_refused_with_all_its_f
     assert isinstance(spoilt.exception, EdsError)
     assert "[1001]: wanted this object" in str(spoilt.exception)
     assert "0x40000180" in str(spoilt.exception) or "0x180" in str(spoilt.exception)
-
-
-def test_a_ring_takes_settings_and_a_dcf_as_a_patch_does(eds, tmp_path):
-    arm_file = tmp_path / "arm.toml"
-    arm_file.write_text(ARM.format(eds=f'"{eds.name}"'))
-    arm = load_arm(arm_file)
-    assert arm.n_patches == 6
-    assert np.all(arm.tactel_threshold == 1500.0)
-
-    od = ods_of(arm)[0]
-    gain, _ = index_of(od, TACTEL_GAIN)
-    write_dcf(eds, tmp_path / "all.dcf", {(gain, 2): 1.25})
-    arm_file.write_text(ARM.format(eds='"all.dcf"'))
-    arm = load_arm(arm_file)
-    assert [arm.tactel_gain[arm.tactels_of(p)][1] for p in range(6)] == [1.25] * 6
-
-    for k in range(6):
-        write_dcf(eds, tmp_path / f"{k}.dcf", {(gain, 2): 1.0 + 0.125 * k}, node_id=1 + k)
-    arm_file.write_text(ARM.format(eds=[f"{k}.dcf" for k in range(6)]))
-    arm = load_arm(arm_file)
-    assert [arm.tactel_gain[arm.tactels_of(p)][1] for p in range(6)] == [1.0 + 0.125 * k for k in range(6)]
-    assert np.all(arm.tactel_threshold == 1500.0)
-
-    arm_file.write_text(ARM.format(eds=["0.dcf"]))
-    with pytest.raises(ConfigError, match="one for each patch"):
-        load_arm(arm_file)
 
 
 @pytest.mark.parametrize("grid", ["6", "6x", "9x9", "0x4"])

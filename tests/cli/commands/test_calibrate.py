@@ -156,28 +156,6 @@ def test_too_few_presses_are_refused_and_written_only_by_force(arm_file, tmp_pat
     assert len(list(tmp_path.glob("*.dcf"))) == 2
 
 
-@pytest.mark.slow
-def test_ring_takes_a_list_and_boards_that_were_not_pressed_the_law(tmp_path):
-    path = tmp_path / "ring.toml"
-    path.write_text(
-        "[arm]\nname = 'r'\n[[link]]\nname = 'tube'\nsurface = 'cylinder'\n"
-        "length_mm = 60.0\nradius_mm = 26.0\n"
-        "[[ring]]\nlink = 'tube'\ns_mm = 30.0\ncount = 3\nfirst_node_id = 3\n"
-    )
-    arm = load_arm(path)
-    write_presses(tmp_path / "presses.csv", arm, n=240, around=arm.links[0].surface.period)
-    result = run(path, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf", "--all-of-kind")
-    assert result.exit_code == 0, result.output
-    files = [tmp_path / f"mine-{node_id}.dcf" for node_id in (3, 4, 5)]
-    assert all(f"{file}: eds of node" in result.output for file in files)
-    laws = [describe_patch(load_eds(file, k + 3)) for k, file in enumerate(files)]
-    assert profile_error(laws[2].law) < 0.02
-    np.testing.assert_array_equal(laws[2].gain, 1.0)
-    assert np.std(laws[0].gain) > 0.01
-    path.write_text(f"{path.read_text()}eds = {[*map(str, files)]}\n")
-    assert isinstance(load_arm(path).patches[1].patch.law, Radial)
-
-
 def test_a_mirrored_board_is_of_the_kind_of_the_others():
     arm = load_arm("pad")
     (placed,) = arm.patches

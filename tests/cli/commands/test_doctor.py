@@ -160,18 +160,3 @@ def test_unit_shares_its_cycles_with_the_group_that_it_names():
     finally:
         os.umask(before)
     assert mode == 0o640
-
-
-def test_unit_tries_again_compiles_before_keeps_its_state_and_gives_up_on_a_wrong_file():
-    unit = unit_text()
-    for words in (
-        " --state %S/skinbus/state --share arm\n",
-        "\nStateDirectory=skinbus\n",
-        "\nExecStartPre=-",
-        " doctor warm\n",
-        "\nMemoryMax=",
-        "\nRestart=always\n",
-        "\nRestartPreventExitStatus=2\n",
-    ):
-        assert words in unit
-    assert "SuccessExitStatus" not in unit

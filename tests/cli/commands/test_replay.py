@@ -6,13 +6,11 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from skinbus.bus.recorder import Recorder
-from skinbus.can.candump import CandumpWriter, format_line
+from skinbus.can.candump import format_line
 from skinbus.can.frame import ERROR, RTR, Frame
 from skinbus.cli import group
 from skinbus.errors import ConfigError
 from tests.cli.commands.recordings import EPOCH_NS, changed, frames_in
-from tests.master.buses_rig import ON_LEFT, ON_SEAM, BusesRig, write_scene
 from tests.master.rig import MS
 
 READINGS = (0x181, 0x281, 0x381, 0x481)
@@ -105,26 +103,6 @@ def test_of_two_interfaces_one_is_chosen_by_option_or_arm_file_or_asked_for(fiel
     wrong = replay(path, "--arm", "pad", "-c", "can7")
     assert wrong.exit_code == 1
     assert "It also holds can0, vcan1" in wrong.output
-
-
-@pytest.mark.slow
-def test_two_buses_in_one_log_are_the_buses_of_the_arm(tmp_path):
-    rig = BusesRig(write_scene(tmp_path, [ON_LEFT, ON_SEAM]), level="fit")
-    log = tmp_path / "both.log"
-    with CandumpWriter(log, channels=["can4", "can7"]) as writer:
-        rig.wires.attach(Recorder(writer, 2))
-        rig.run(1500)
-    arm = tmp_path / "arm.toml"
-    _, rows = contacts_of(log, "--arm", arm, "-c", "right=can7", "-c", "left=can4", out=tmp_path / "c.csv")
-    published = sum((report.tracks.slot >= 0).sum() for report in rig.reports)
-    assert len(rows) == pytest.approx(published, abs=2)  # the last cycle may not have ended
-    for args, said in (
-        (("left=can4",), 'right=... (channel={"right": ...} in Python) which of them bus right is'),
-        (("left=can4", "-c", "right=can4"), "bus right is on can4, as another bus is"),
-    ):
-        refused = replay(log, "--arm", arm, "-c", *args)
-        assert refused.exit_code == 2
-        assert said in refused.output
 
 
 def test_events_are_reported_at_their_times(field, tmp_path):

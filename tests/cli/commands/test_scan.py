@@ -1,8 +1,6 @@
 """`skinbus scan` on a bus, and what it makes of EDS files."""
 
-from skinbus.cli.commands.scan import candidates_of, row_of
-from skinbus.master.commissioning.scan import Found, Match
-from skinbus.objects.cia import NmtState
+from skinbus.cli.commands.scan import candidates_of
 from skinbus.objects.eds import eds_names, find_eds
 from skinbus.sim import World, load_scene
 
@@ -14,19 +12,6 @@ def test_faulty_eds_of_somebody_else_is_a_candidate_too(tmp_path):
     candidates = list(candidates_of(tmp_path))
     assert [c.name for c in candidates] == [*eds_names(), "theirs.EDS"]
     assert candidates[-1].identity.product == 0x7777
-
-
-def test_what_people_read():
-    said = [
-        row_of(Found(1, NmtState.PRE_OPERATIONAL, True), Match(("a", "b"), True)),
-        row_of(Found(1, NmtState.STOPPED), Match(("a",), False)),
-        row_of(Found(1, None, True, error_register=0x11), Match((), False)),
-    ]
-    assert [(row[1], row[4]) for row in said] == [
-        ("pre-operational", "a or b"),
-        ("stopped, no SDO", "a (other revision)"),
-        ("no heartbeat, error 0x11", "none"),
-    ]
 
 
 def test_simulated_patch_is_listed_with_its_eds(own_bus):

@@ -7,22 +7,10 @@ import pytest
 from click.testing import CliRunner
 
 from skinbus.cli.commands.scene import command
-from skinbus.sim import scene_names
-from skinbus.sim.effects import ORDER
 
 
 def invoke(*args):
     return CliRunner(env={"COLUMNS": "240"}).invoke(command, args)
-
-
-@pytest.mark.slow
-def test_list_has_one_line_for_every_scene_and_every_effect():
-    result = invoke("list")
-    assert result.exit_code == 0
-    first_words = [line.split()[0] for line in result.output.splitlines() if line.strip()]
-    for name in (*scene_names(), *ORDER, "elastic", "cone"):
-        assert first_words.count(name) == 1, name
-    assert "sigma_pa=200 Pa" in result.output
 
 
 def test_list_of_names_explains_their_parameters():
@@ -39,14 +27,6 @@ def test_check_says_that_a_file_is_right(tmp_path):
     result = invoke("check", str(path))
     assert result.exit_code == 0
     assert "no faults" in result.output
-
-
-@pytest.mark.slow
-def test_cost_lists_every_part_and_the_whole():
-    result = invoke("cost", "dying-patch", "--cycles", "5")
-    assert result.exit_code == 0
-    for name in ("boards and frames", "touches", "noise", "dead", "stuck", "patch_silent", "whole"):
-        assert name in result.output
 
 
 @pytest.mark.slow

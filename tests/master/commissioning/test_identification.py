@@ -76,12 +76,6 @@ def test_undo_skip_and_words_that_are_none():
     assert story.dialogue.is_quit
 
 
-def test_nobody_presses_and_it_is_said_once():
-    story = Story()
-    assert "No press was felt" in " ".join(story.wait(21.0))
-    assert story.wait(60.0) == []
-
-
 def mountings_of(*tables):
     link = {"name": "l", "surface": "plane", "length_mm": 900, "width_mm": 90}
     patches = [{"link": "l", "s_mm": 40.0 + 60.0 * k, **table} for k, table in enumerate(tables)]

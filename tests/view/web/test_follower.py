@@ -23,17 +23,6 @@ def test_forces_are_the_largest_of_each_tenth_of_a_second():
     assert not forces[:-21].any()
 
 
-def test_ids_seen_last_are_shown_and_old_ones_leave_after_twenty_seconds():
-    history = History()
-    for n in range(1, 1500):
-        history.take(made_cycle(n, [{"id": 1 + n // 100, "force": 1.0}]))
-    assert history.forces(3)[1] == [13, 14, 15]
-    assert len(history.forces(100)[1]) == 10
-    for n in range(1500, 2600):
-        history.take(made_cycle(n))
-    assert history.forces(3)[1] == []
-
-
 def test_lost_cycles_are_counted_and_a_new_source_is_no_loss():
     history = History()
     for n in (1, 2, 5, 6, 1, 2):
