@@ -49,6 +49,8 @@ class Keeper:
         tables = self._file.load()
         for fault in self._file.faults:
             self._say(f"{self._name}: {fault}")
+        if tables is None and self._file.faults:
+            self._say(f"{self._name}: none that is whole; it begins as at power-on")
         return tables
 
     def take(self, report: CycleReport) -> None:
@@ -65,23 +67,20 @@ class Keeper:
             return
         self._next_write_s = time.monotonic() + self._every_s
         saved, copy = self._copies.popleft()
+        was_faulty, self._is_faulty = self._is_faulty, False
         try:
             self._file.save({"saved": saved, **self._part.as_tables(copy)})
-            self._is_faulty = False
         except OSError as error:
-            if not self._is_faulty:
-                self._say(f"{self._name}: cannot be written: {error}")
             self._is_faulty = True
+            if not was_faulty:
+                self._say(f"{self._name}: cannot be written: {error}")
 
 
 def keep_state(path: Path, memory: Memory, arm: Arm, say: Callable[[str], Any]) -> Keeper:
     """Take up the last zeros and contacts, say what of them is too old, and keep them from now on."""
-    file = StateFile(path)
-    keeper = Keeper("state", file, memory, say, WRITE_EVERY_S)
+    keeper = Keeper("state", StateFile(path), memory, say, WRITE_EVERY_S)
     state = keeper.load()
     if state is None:
-        if file.faults:
-            say("state: none that is whole; zeros are found as at power-on")
         return keeper
     saved = state.get("saved")
     age = time.time() - saved if isinstance(saved, float) else -1.0

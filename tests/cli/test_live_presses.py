@@ -55,8 +55,3 @@ def test_a_file_of_others_is_kept_and_done_without_a_press_is_status_1(calibrate
     (tmp_path / "presses.csv").unlink()
     result = calibrate(text="done\n")
     assert result.exit_code == 1
-
-
-def test_a_board_that_the_arm_does_not_have_is_refused(calibrate):
-    result = calibrate("--node", "77")
-    assert (result.exit_code, "(77,)" in result.output) == (2, True)

@@ -6,13 +6,13 @@ import sys
 
 import click
 
-from skinbus.cli.commands.scan import NO_NODE, candidates_of
+from skinbus.cli.commands.scan import NO_NODE
 from skinbus.cli.console import Console
 from skinbus.cli.host import run_to_end
 from skinbus.cli.options import BusWords, arm_bus_options
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master.commissioning.node_id_assignment import Address, Assigner, Assignment, Known
-from skinbus.master.patches.provisioning import Identity, expected_node
+from skinbus.master.patches.provisioning import expected_node
 from skinbus.model import Arm
 from skinbus.objects.profile import MASTER_NODE_ID
 
@@ -46,15 +46,13 @@ def command(arm: str | None, bus: BusWords, timeout_ms: int) -> None:
     console = Console()
     if arm is None:
         known: list[Known] = []
-        free, hints = [*range(1, MASTER_NODE_ID)], [_hint(own.identity) for own in candidates_of()]
-        place = bus.place()
+        free, place = [*range(1, MASTER_NODE_ID)], bus.place()
     else:
         part, place = bus.of(load_arm(arm))
-        known, free, hints = wanted_by(part)
+        known, free = wanted_by(part)
     core = Assigner(
         known=known,
         free=free,
-        hints=hints,
         timeout_ns=timeout_ms * 1_000_000,
         on_result=lambda result: console.print(line(result)),
     )
@@ -70,9 +68,9 @@ def command(arm: str | None, bus: BusWords, timeout_ms: int) -> None:
     sys.exit(0 if done and (core.results or core.scanner.nodes) else 1)
 
 
-def wanted_by(arm: Arm) -> tuple[list[Known], list[int], list[tuple[int, ...]]]:
-    """Return the patches known by serial number, the other node-IDs, and what is likely of those."""
-    known, free, hints = [], [], []
+def wanted_by(arm: Arm) -> tuple[list[Known], list[int]]:
+    """Return the patches known by serial number, and the other node-IDs."""
+    known, free = [], []
     for placed, od in zip(arm.patches, ods_of(arm), strict=True):
         identity = expected_node(placed.node_id, od).identity
         if identity.serial:
@@ -80,16 +78,10 @@ def wanted_by(arm: Arm) -> tuple[list[Known], list[int], list[tuple[int, ...]]]:
             known.append(Known(address, placed.node_id))
         else:
             free.append(placed.node_id)
-            hints.append(_hint(identity))
-    return known, free, hints
+    return known, free
 
 
 def line(result: Assignment) -> str:
     """Return one line."""
     reason = f" ({result.reason})" if result.reason else ""
     return f"{result.address} -> node {result.node_id}: {result.outcome}{reason}"
-
-
-def _hint(identity: Identity) -> tuple[int, ...]:
-    """Return what is known of an identity beforehand, all but the serial number."""
-    return identity.vendor, identity.product, identity.revision

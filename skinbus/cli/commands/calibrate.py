@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -101,7 +101,13 @@ def command(
         judged.append(judgement)
         echo(f"boards of {table.arm.patches[0].patch.n_tactels} tactels: {report(judgement)}")
         echo(verdict(judgement, lines), err=bool(judgement.faults))
-    Console().table(BOARDS, [row for judgement in judged for row in board_rows(judgement)])
+    rows = []
+    for one in judged:
+        for p in range(one.table.arm.n_patches):
+            mine = one.table.patch == p
+            error = np.nan if one.errors is None else 1e3 * one.errors.place(one.kept & mine)
+            rows.append((one.table.arm.node_label(p), mine.sum(), (mine & ~one.kept).sum(), f"{error:.2f}"))
+    Console().table(BOARDS, rows)
     learned = [judgement for judgement in judged if judgement.calibration is not None]
     if any(judgement.faults for judgement in judged) and not (force and learned):
         echo("nothing is written" + ("; --force writes it all the same" if learned else ""), err=True)
@@ -167,38 +173,23 @@ def _sentence(finding: GateFinding, lines: Ints) -> str:
     return f"{finding.what}: line{'s' if len(finding.rows) > 1 else ''} {', '.join(runs[:MANY])}{more}"
 
 
-def board_rows(judged: Judgement) -> Iterator[Sequence[object]]:
-    """Return a row of BOARDS for each board of a kind."""
-    for p in range(judged.table.arm.n_patches):
-        mine = judged.table.patch == p
-        error = np.nan if judged.errors is None else 1e3 * judged.errors.place(judged.kept & mine)
-        n_out = (mine & ~judged.kept).sum()
-        yield judged.table.arm.node_label(p), mine.sum(), n_out, f"{error:.2f}"
-
-
 def boards_of(
     whole: Arm, judgement: Judgement, all_of_kind: bool
 ) -> Iterator[tuple[PlacedPatch, Calibration]]:
     """Return the boards pressed, if wanted the others of their kind, and what each is to hold."""
     part, learned = judgement.table.arm, judgement.calibration
     assert learned is not None
-    for p, placed in enumerate(part.patches):
-        yield placed, learned.of(part.tactels_of(p))
+    of_board = [learned.of(part.tactels_of(p)) for p in range(part.n_patches)]
+    yield from zip(part.patches, of_board, strict=True)
     pressed = {(placed.bus, placed.node_id) for placed in part.patches}
     for p, placed in enumerate(whole.patches if all_of_kind else ()):
         if (placed.bus, placed.node_id) not in pressed and kind_of(whole, p) == kind_of(part, 0):
             n = placed.patch.n_tactels
-            yield (
-                placed,
-                replace(
-                    learned.of(part.tactels_of(0)),
-                    gain=np.array(whole.tactel_gain[whole.tactels_of(p)]),
-                    width=np.ones(n),
-                    bias=np.zeros(n),
-                    noise=np.full(n, np.median(learned.noise)),
-                    residual_map=None,
-                ),
+            own = replace(
+                of_board[0], gain=np.array(whole.tactel_gain[whole.tactels_of(p)]), residual_map=None
             )
+            noise = np.full(n, np.median(learned.noise))
+            yield placed, replace(own, width=np.ones(n), bias=np.zeros(n), noise=noise)
 
 
 def file_of(out: Path, whole: Arm, placed: PlacedPatch) -> Path:

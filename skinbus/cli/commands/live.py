@@ -32,11 +32,8 @@ from skinbus.model import Arm
     type=Range(min=0.0, min_open=True),
     help="The same force in all presses, N. Without it forces are not known, but the same.",
 )
-@click.option("--node", "node_ids", type=int, multiple=True, help="Press this board only; repeatable.")
-def command(
-    arm: str, presses: Path, bus: BusWords, weight_n: float | None, node_ids: tuple[int, ...]
-) -> None:
-    """Press the boards of ARM now, at the places that are asked for, and keep the presses in PRESSES.
+def command(arm: str, presses: Path, bus: BusWords, weight_n: float | None) -> None:
+    """Press the boards of ARM now, one after the other where you are asked to; keep the presses in PRESSES.
 
     A press that is wrong, too light or too short is named and asked for again. It ends when more presses
     would not help. Each press is in the file as soon as it is made: after an interruption the same command
@@ -48,19 +45,15 @@ def command(
     \b
     Examples:
       skinbus calibrate live my-arm.toml presses.csv -c can0 --weight-n 4.905
-      skinbus calibrate live my-arm.toml presses.csv -c can0 --node 5
+      skinbus calibrate live my-arm.toml presses.csv -c can0
     """
     whole = load_arm(arm, check_load=False)
     output.keep_files([presses], arm, read_arm_file(find_arm(arm)).files)
     part, place = bus.of(whole)
-    patches = [placed for placed in part.patches if not node_ids or placed.node_id in node_ids]
-    if len(patches) < len(node_ids):
-        raise click.BadParameter(f"not all are node-IDs of {part.name}: {node_ids}", param_hint="--node")
     force = math.nan if weight_n is None else weight_n
-    boards = Arm(part.name, part.links, patches, *part.buses)
     output.try_to_write(presses)
-    kept = made_before(boards, presses, force)
-    guide, console = PressGuide(boards, force, kept), Console()
+    kept = made_before(part, presses, force)
+    guide, console = PressGuide(part, force, kept), Console()
     if kept:
         console.print(f"{counted(len(kept), 'press')} from before")
 
@@ -68,9 +61,9 @@ def command(
         nonlocal kept
         if len(guide.presses) != len(kept):
             kept = list(guide.presses)
-            write_presses(presses, boards, kept)
+            write_presses(presses, part, kept)
 
-    talk(guide, boards, place, console, keep)
+    talk(guide, part, place, console, keep)
     if guide.is_quit or not presses.exists():
         echo("the same command goes on with the presses made so far", err=True)
         sys.exit(1)

@@ -80,11 +80,8 @@ def command(arm: str, presses: Path, write: bool, out: Path | None) -> None:
 def row_of(arm: Arm, board: Located) -> tuple[str, ...]:
     """Return the row of a board in the table."""
     scale = np.array([1e3, 1e3, math.degrees(1.0)])
-    steps, sds = scale * board.shift, scale * np.sqrt(np.diag(board.covariance))
-    cells = [
-        f"{step:+.2f} ± {sd:.2f} {unit}"
-        for step, sd, unit in zip(steps, sds, ("mm", "mm", "deg"), strict=True)
-    ]
+    columns = scale * board.shift, scale * np.sqrt(np.diag(board.covariance)), ("mm", "mm", "deg")
+    cells = [f"{step:+.2f} ± {sd:.2f} {unit}" for step, sd, unit in zip(*columns, strict=True)]
     n_made = len(board.used) + len(board.outliers) + len(board.unusable)
     return arm.node_label(board.patch), *cells, f"{len(board.used)} of {n_made}"
 
@@ -111,27 +108,23 @@ def fault_of(arm: Arm, board: Located, scatter: float) -> str:
 
 def remarks(board: Located, fault: str, rows: Sequence[Press]) -> Iterator[str]:
     """Return what is to be said of a board beside its place."""
-    if fault:
-        yield fault
+    unknown = " and ".join(WORDS[name] for name in board.unknown)
+    if fault or unknown:
+        yield fault or f"its presses do not determine {unknown}; spread them over the board"
     for words, numbers in (
         (f"more than {OUTLIER:g} standard deviations off, left out", board.outliers),
         ("no single contact on the board, left out", board.unusable),
     ):
         if numbers:
             yield f"line {span(rows[k].line for k in numbers)}: {words}"
-    if board.unknown and not fault:
-        what = " and ".join(WORDS[name] for name in board.unknown)
-        yield f"its presses do not determine {what}; spread them over the board"
 
 
 def place_of(arm: Arm, board: Located) -> dict[str, Any]:
     """Return the place of a board as an arm file has it."""
     surface = arm.links[arm.patches[board.patch].link].surface
-    place = {"s_mm": 1e3 * board.s}
-    if surface.period:
-        place["angle_deg"] = math.degrees(board.a / surface.radius)
-    else:
-        place["a_mm"] = 1e3 * board.a
-    if "yaw" not in board.unknown:
-        place["yaw_deg"] = math.degrees(board.yaw)
+    around = (
+        {"angle_deg": math.degrees(board.a / surface.radius)} if surface.period else {"a_mm": 1e3 * board.a}
+    )
+    yaw = {} if "yaw" in board.unknown else {"yaw_deg": math.degrees(board.yaw)}
+    place = {"s_mm": 1e3 * board.s, **around, **yaw}
     return {key: round(value, 3) for key, value in place.items()}

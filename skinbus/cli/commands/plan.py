@@ -110,30 +110,29 @@ def _show(plan: Plan, console: Console) -> None:
     console.print(
         f"{plan.arm}: {counted(len(plan.ods), 'patch')}, {speed}, {plan.rate_hz:g} Hz, level {plan.level}"
     )
-    load = f"{100 * plan.load:.1f} %, of it the cycle {100 * plan.cyclic_load:.1f} %"
     facts = {
-        "bus load at worst": load,
+        "bus load at worst": f"{100 * plan.load:.1f} %, of it the cycle {100 * plan.cyclic_load:.1f} %",
         "last reading in, ms after SYNC": _ms(plan.readings_ns),
         "last contact out, ms after SYNC": _ms(plan.published_ns),
         "touch to contact, ms, a period included": _ms(plan.latency_ns),
+        **{
+            f"level {fit.level}": f"computes {_ms(fit.compute_ns)} ms (p99): "
+            f"{'fits' if fit.holds else 'does not fit'}; up to {fit.largest_hz:g} Hz"
+            for fit in plan.levels
+        },
+        "assumed": plan.beside.text,
     }
-    for fit in plan.levels:
-        fits = "fits" if fit.holds else "does not fit"
-        text = f"computes {_ms(fit.compute_ns)} ms (p99): {fits}; up to {fit.largest_hz:g} Hz"
-        facts[f"level {fit.level}"] = text
-    facts["assumed"] = plan.beside.text
     for name, text in facts.items():
         console.print(f"{name:40} {text}", soft_wrap=True)
     for warning in plan.warnings:
         console.print(f"! {warning}", style="yellow")
-    verdict = "the plan does not hold: make one of the changes above, or several, and plan again"
+    verdict = "does not hold: make one of the changes above, or several, and plan again"
     if plan.holds:
-        free = f"{100 * (1 - plan.load):.0f} % of the bus is free"
         verdict = (
-            f"the plan holds: every message is in time at {plan.rate_hz:g} Hz, {free}, "
-            f"a touch is published within {_ms(plan.latency_ns)} ms"
+            f"holds: every message is in time at {plan.rate_hz:g} Hz, {100 * (1 - plan.load):.0f} % of the "
+            f"bus is free, a touch is published within {_ms(plan.latency_ns)} ms"
         )
-    console.print(verdict, style="bold")
+    console.print(f"the plan {verdict}", style="bold")
 
 
 def _ms(ns: int | None) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Final, NoReturn
 
 import click
 import numpy as np
@@ -79,9 +79,9 @@ def command(
     output.keep_files([out], "--poses", [poses.resolve()])
     whole = load_arm(arm, check_load=False)
     names = [link.name for link in whole.links]
-    if (link_name := link_name or (names[0] if len(names) == 1 else None)) not in names:
+    if (link_name or names[0]) not in names or not (link_name or len(names) == 1):
         raise click.BadParameter(f"give one of {', '.join(names)}", param_hint="--link")
-    link = names.index(link_name)
+    link = names.index(link_name or names[0])
     pose = _poses(whole, link, poses)
     t, pressures = _cycles(log, whole, channels)
     load = load_of(pressures, np.asarray(whole.tactel_threshold))
@@ -93,32 +93,33 @@ def command(
         if offset.correlation < DOUBTFUL:
             raise ValueError(f"poses go with the load of the skin by {offset.correlation:.2f} at best")
     except ValueError as error:
-        echo(f"the clocks cannot be joined: {error}", err=True)
-        sys.exit(1)
+        _end(f"the clocks cannot be joined: {error}")
     echo(f"clock of the poses: {offset.s:+.3f} s to that of the skin (correlation {offset.correlation:.2f})")
-    if weight_n is not None or "force_n" not in pose:
-        pose["force_n"] = np.full(len(pose["t_s"]), np.nan if weight_n is None else weight_n)
-    columns = np.stack([pose["s"], pose["a"], pose["force_n"]], -1)
+    force = pose.get("force_n", np.nan) if weight_n is None else weight_n
+    columns = np.stack(np.broadcast_arrays(pose["s"], pose["a"], force), -1)
     presses: list[Press] = []
     holds, n_left = find_holds(t, load), 0
     for begin, end in holds:
         # the middle half of a hold, whatever the clocks are off by
-        is_held = np.abs(pose["t_s"] + offset.s - 0.5 * (begin + end)) <= 0.25 * (end - begin)
-        own = columns[is_held]
-        s, a, newton = own.mean(axis=0).tolist() if len(own) else (0.0, 0.0, 0.0)
-        if newton <= 0.0 or np.ptp(own[:, :2], axis=0).max() > SLID:
+        own = columns[np.abs(pose["t_s"] + offset.s - 0.5 * (begin + end)) <= 0.25 * (end - begin)]
+        if not len(own) or own[:, 2].mean() <= 0.0 or np.ptp(own[:, :2], axis=0).max() > SLID:
             n_left += 1
             continue
         means, noise = mean_and_noise(pressures[(t >= begin) & (t <= end)])
+        s, a, newton = own.mean(axis=0).tolist()
         presses += felt(whole, link, Press(0, s, a, newton, means, noise=noise))
     if not presses:
-        echo(f"no press: {counted(len(holds), 'hold')}, in none of them a tool that stands still", err=True)
-        sys.exit(1)
+        _end(f"no press: {counted(len(holds), 'hold')}, in none of them a tool that stands still")
     write_presses(out, whole, presses)
     left = f", {n_left} left out: the tool moved, or there was no force" if n_left else ""
     n_felt = len({press.patch for press in presses})
     echo(f"{counted(len(holds) - n_left, 'press')} on {counted(n_felt, 'patch')}{left}")
     echo(f"{out}: {counted(len(presses), 'line')}")
+
+
+def _end(why: str) -> NoReturn:
+    echo(why, err=True)
+    sys.exit(1)
 
 
 def _poses(arm: Arm, link: int, path: Path) -> dict[str, Floats]:

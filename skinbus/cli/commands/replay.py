@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 import sys
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import NOT_FOR_PEOPLE
-from skinbus.cli.options import Range, file_option, level_option, log_channels_option
+from skinbus.cli.options import file_option, level_option, log_channels_option
 from skinbus.cli.output import echo
 from skinbus.cli.recorded import CONTACT_COLUMNS, Recorded, values_of
 from skinbus.config.system import load_arm
@@ -36,8 +35,6 @@ TITLES: Final = ("contact", "link", "from s", "to s", "s mm", "a mm", "force N",
 @log_channels_option
 @level_option()
 @click.option("--zero", is_flag=True, help="Take the first readings of each patch as its zero.")
-@click.option("--from", "start_s", type=Range(min=0.0), default=0.0, help="Show cycles from this time on, s.")
-@click.option("--to", "end_s", type=Range(min=0.0, min_open=True), help="End at this time, s.")
 @file_option(
     "--out",
     callback=output.writable,
@@ -49,27 +46,21 @@ def command(
     channels: tuple[str, ...],
     level: str,
     zero: bool,
-    start_s: float,
-    end_s: float | None,
     out: Path | None,
 ) -> None:
     """Compute the contacts of LOG, a recording of `skinbus record` or candump; - is standard input.
 
     The frames go through the master of `skinbus run`, on the time of the recording and as fast as the machine
-    can. The same log gives the same output. Times are seconds since the first frame. Frames before --from are
-    processed too: zeros and identities come from them.
+    can. The same log gives the same output. Times are seconds since the first frame.
 
     Status 0: there were readings. 1: there were none of this arm. 2: bad file or argument.
 
     \b
     Examples:
       skinbus replay field.log --arm my-arm.toml
-      skinbus replay field.log --arm forearm --level full --from 12 --to 15 --out contacts.csv
+      skinbus replay field.log --arm forearm --level full --out contacts.csv
       skinbus replay both.log --arm arm-two-buses -c upper=can0 -c lower=can1
     """
-    end_s = math.inf if end_s is None else end_s
-    if end_s <= start_s:
-        raise click.UsageError(f"--to {end_s:g} is not after --from {start_s:g}")
     loaded, console, lives, n_cycles = load_arm(arm, check_load=False), Console(), dict[int, Life](), 0
     events = EventLog(
         partial(console.print, soft_wrap=True),
@@ -83,7 +74,7 @@ def command(
     def on_event(event: Event) -> None:
         nonlocal now_s
         now_s = 1e-9 * event.t_ns
-        if event.kind not in NOT_FOR_PEOPLE and start_s <= now_s <= end_s:
+        if event.kind not in NOT_FOR_PEOPLE:
             events.take(event)
 
     source = _standard_input() if log == "-" else log
@@ -94,12 +85,10 @@ def command(
             table.writeheader()
         for cycle, t_ns, _ in recorded:
             t_s = 1e-9 * cycle.t_ns
-            if t_s > end_s:
-                break
             now_s = max(now_s, t_s)
             events.show()
-            n_cycles += t_s >= start_s
-            for contact in cycle.contacts if t_s >= start_s else ():
+            n_cycles += 1
+            for contact in cycle.contacts:
                 if table:
                     table.writerow({"t_ns": t_ns, "cycle": cycle.number} | values_of(contact))
                 if contact.state not in (TrackState.COAST, TrackState.LIFT):
@@ -111,7 +100,7 @@ def command(
     if rate_hz != loaded.bus.rate_hz:
         said = f" (the arm file says {loaded.bus.rate_hz:g})"
     no_sync = ", without SYNC" if recorded.recording.sync.bus is None else ""
-    seconds = f"{min(recorded.now_s, end_s):.3f} s; {counted(n_cycles, 'cycle')}"
+    seconds = f"{recorded.now_s:.3f} s; {counted(n_cycles, 'cycle')}"
     echo(f"{log}: {seconds} at {rate_hz:.4g} Hz{no_sync}{said}, level {level}")
     if lives:
         console.table(TITLES, [life.row() for life in lives.values()])

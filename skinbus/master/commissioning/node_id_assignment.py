@@ -119,26 +119,19 @@ class LssMaster:
         """Return whether a node sends a boot-up message after a command that makes it boot."""
         return bool((yield from self._ask(0, command, slower=SLOW, can_id=cia.HEARTBEAT_BASE + node_id)))
 
-    def fastscan(self, hints: Sequence[Sequence[int]] = ()) -> Script[Address | None]:
-        """Find one node without node-ID and put it into configuration; None when there is none.
-
-        ``hints`` are identities, or their first numbers, that are likely: each is tried whole.
-        """
+    def fastscan(self) -> Script[Address | None]:
+        """Find one node without node-ID and put it into configuration; None when there is none."""
         if not (yield from self._is_there(0, FASTSCAN_ALL, 0, 0)):
             return None
         found: list[int] = []
         for part in range(len(Address._fields)):
             following = (part + 1) % len(Address._fields)
-            for number in sorted({h[part] for h in hints if len(h) > part and list(h[:part]) == found}):
-                if (yield from self._is_there(number, 0, part, following)):
-                    break
-            else:
-                number = 0
-                for bit in reversed(range(BITS)):
-                    if not (yield from self._is_there(number, bit, part, part)):
-                        number |= 1 << bit
-                if not (yield from self._is_there(number, 0, part, following)):
-                    return None  # whoever answered has fallen silent
+            number = 0
+            for bit in reversed(range(BITS)):
+                if not (yield from self._is_there(number, bit, part, part)):
+                    number |= 1 << bit
+            if not (yield from self._is_there(number, 0, part, following)):
+                return None  # whoever answered has fallen silent
             found.append(number)
         return Address(*found)
 
@@ -194,7 +187,6 @@ class Assigner(ScriptCore):
     Args:
         known: nodes to be found by their identity.
         free: node-IDs for the nodes that fastscan finds, in this order; those in use are left out.
-        hints: identities, or their first numbers, that fastscan tries whole.
     """
 
     def __init__(
@@ -202,7 +194,6 @@ class Assigner(ScriptCore):
         *,
         known: Sequence[Known] = (),
         free: Sequence[int] = (),
-        hints: Sequence[Sequence[int]] = (),
         timeout_ns: int = LSS_TIMEOUT_NS,
         on_result: Callable[[Assignment], object] | None = None,
     ) -> None:
@@ -213,7 +204,6 @@ class Assigner(ScriptCore):
         self.scanner = Scanner()
         self._known = known
         self._free = free
-        self._hints = hints
         self._on_result = on_result
         self._lss = LssMaster(timeout_ns)
         self._scanned = False
@@ -237,7 +227,7 @@ class Assigner(ScriptCore):
         taken.update(known.node_id for known in self._known)
         free = [node_id for node_id in self._free if node_id not in taken]
         seen: set[Address] = set()
-        while (address := (yield from self._lss.fastscan(self._hints))) is not None:
+        while (address := (yield from self._lss.fastscan())) is not None:
             if address in seen:
                 self._report(0, address, Assigned.REFUSED, "answers fastscan though it has a node-ID")
                 break

@@ -38,10 +38,9 @@ def arm_file(tmp_path):
 
 
 def test_arm_file_says_who_is_known_by_serial_number(arm_file):
-    known, free, hints = wanted_by(load_arm(arm_file))
+    known, free = wanted_by(load_arm(arm_file))
     assert known == [Known(Address(*IDENTITY, 4711), 21)]
     assert free == [22]
-    assert hints == [IDENTITY]
 
 
 def test_patches_get_the_node_ids_of_the_arm_file(own_bus, arm_file):
