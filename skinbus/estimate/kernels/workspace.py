@@ -88,7 +88,6 @@ class Search(NamedTuple):
     n_listed: Ints  # (1,)
     listed: Ints  # (n,) tactels that the group may reach
     back: Floats  # (n,) Pa along listed: pressure of contacts outside the group
-    base: Floats  # (n,) Pa along listed: that, and contacts held fixed
     variance: Floats  # (n,) Pa^2 along listed
     tail: Floats  # (n,) degrees of freedom of the errors along listed
     jacobian: Floats  # (n, m) along listed
@@ -103,7 +102,7 @@ class Search(NamedTuple):
     factor: Floats  # (m, m)
     inverse: Floats  # (m, m)
     step: Floats  # (m,)
-    theta: Floats  # (g, 4) contacts being solved; those that are free come first
+    theta: Floats  # (g, 4) contacts being solved
     trial: Floats  # (g, 4)
     kind: Ints  # (g,) kind of size of each
     rows: Ints  # (g,) rows of the answer
@@ -190,7 +189,6 @@ def make_search(lay: Layout) -> Search:
         n_listed=z(1, np.int64),
         listed=z(n, np.int64),
         back=z(n),
-        base=z(n),
         variance=z(n),
         tail=z(n),
         jacobian=z((n, m)),

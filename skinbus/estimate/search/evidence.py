@@ -32,7 +32,6 @@ from skinbus.estimate.search.least_squares import (
     descend,
     evaluate,
     factorise,
-    hold,
     log_evidence,
     write_equations,
 )
@@ -106,7 +105,7 @@ def prepare(lay: Layout, w: Work, q: Search, link: int, h: int) -> float:
     for c in range(k):
         q.kind[c] = q.h_kind[h, c]
     copy_contacts(q.h_theta[h], q.theta, k)
-    value = evaluate(lay, w, q, link, q.theta, k, False)
+    value = evaluate(lay, w, q, link, q.theta, k)
     write_equations(lay, w, q, q.theta, k)
     return log_evidence(q, k, value) if factorise(q, q.dof[0] * k, 0.0) else -math.inf
 
@@ -134,16 +133,13 @@ def is_known(lay: Layout, q: Search, link: int, k: int) -> int:
 
 
 @inner_kernel
-def consider(lay: Layout, w: Work, q: Search, link: int, k: int, free: int) -> None:
-    """Fit the k contacts of ``theta``, the first ``free`` of which were moved; keep a possible answer."""
+def consider(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
+    """Fit the k contacts of ``theta``; keep a possible answer."""
     if is_over(w):
         return
-    if free < k:  # the moved contacts alone at first
-        hold(lay, q, link, free, k)
-        descend(lay, w, q, link, free, True, ROUGH, -math.inf)
     bar, score, status = top_score(q) - TRY, -math.inf, CONVERGED
     for enough in (ROUGH, SETTLED):
-        value, status = descend(lay, w, q, link, k, False, enough, bar)
+        value, status = descend(lay, w, q, link, k, enough, bar)
         if not (math.isfinite(value) and factorise(q, q.dof[0] * k, 0.0)):
             return
         score = log_evidence(q, k, value)

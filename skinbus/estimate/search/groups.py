@@ -126,11 +126,17 @@ def join_groups(lay: Layout, w: Work, growth: float) -> None:
 
 @inner_kernel
 def list_tactels(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
-    """List the tactels with a value that k contacts of ``theta`` may reach, and a pitch around them."""
+    """List the tactels with a value near k contacts of ``theta``.
+
+    They are those within two pitches of a core, and of those that it may reach, and a pitch around them, the
+    touched ones.
+    """
     surface, n, near = surface_of(lay.link, link), 0, q.row
     for c in range(k):
         law = law_of(lay, w, q.rows[c])
-        near[c] = reach(lay.law_par, law, GROWTH * w.amplitude[q.rows[c]]) + q.pitch[0]
+        amp = GROWTH * w.amplitude[q.rows[c]]
+        near[c] = reach(lay.law_par, law, amp) + q.pitch[0]
+        near[k + c] = min(near[c], core(lay.law_par, law, amp) + 2.0 * q.pitch[0])
     for patch in range(len(lay.patch_link)):
         is_near, s, a = False, lay.patch_s[patch], lay.patch_a[patch]
         for c in range(k if lay.patch_link[patch] == link else 0):
@@ -138,7 +144,8 @@ def list_tactels(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
         for i in range(lay.patch_start[patch], lay.patch_start[patch + 1] if is_near else 0):
             inside = False
             for c in range(k if w.state[i] != NO_VALUE else 0):
-                inside |= distance(surface, q.theta[c, 0], q.theta[c, 1], lay.s[i], lay.a[i]) < near[c]
+                d = distance(surface, q.theta[c, 0], q.theta[c, 1], lay.s[i], lay.a[i])
+                inside |= d < near[c if w.active[i] else k + c]
             q.listed[n] = i
             n += inside
     q.n_listed[0] = n
@@ -194,7 +201,7 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
             q.kind[c], q.theta[c, 3] = kind, q.kind_mean[kind]
         q.n_hypotheses[0], q.offsets[0], q.tailed[0] = 0, 0, tailed
         weigh(lay, w, q, link, q.theta, k)
-        consider(lay, w, q, link, k, k)
+        consider(lay, w, q, link, k)
         if q.n_hypotheses[0] == 0:
             return
         if not search:

@@ -23,7 +23,7 @@ from skinbus.estimate.kernels.law import amplitude, core
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.workspace import Search, Work
 from skinbus.estimate.levels.merge import LOG_FORCE_MAX, LOG_FORCE_MIN
-from skinbus.estimate.search.model import predict, press, write_normal
+from skinbus.estimate.search.model import predict, write_normal
 from skinbus.jit import inner_kernel
 
 CONVERGED, ITERATION_LIMIT = 0, 1
@@ -47,9 +47,9 @@ SINGULAR = 1e-14
 
 
 @inner_kernel
-def evaluate(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int, is_beside: bool) -> float:
+def evaluate(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) -> float:
     """Return the objective of k contacts; write the Jacobian."""
-    value = predict(lay, w, q, link, theta, k, is_beside)
+    value = predict(lay, w, q, link, theta, k)
     for c in range(k):
         off = (theta[c, 2] - q.force_prior[0]) / q.force_prior[1]
         value += off * off
@@ -140,7 +140,7 @@ def invert(q: Search, m: int) -> None:
 
 @inner_kernel
 def descend(
-    lay: Layout, w: Work, q: Search, link: int, k: int, is_beside: bool, enough: float, bar: float
+    lay: Layout, w: Work, q: Search, link: int, k: int, enough: float, bar: float
 ) -> tuple[float, int]:
     """Fit the first k contacts of ``theta``; return the objective and a status, infinity if that is hopeless.
 
@@ -149,7 +149,7 @@ def descend(
     """
     dof, theta, trial, step = q.dof[0], q.theta, q.trial, q.step
     m, damping, status, is_stale, at_edge = dof * k, FIRST_DAMPING, ITERATION_LIMIT, False, False
-    value = evaluate(lay, w, q, link, theta, k, is_beside)
+    value = evaluate(lay, w, q, link, theta, k)
     write_equations(lay, w, q, theta, k)
     for _ in range(ITERATIONS if value < math.inf else 0):
         if at_edge or damping > LAST_DAMPING:
@@ -164,7 +164,7 @@ def descend(
         promised = 0.0
         for u in range(m):
             promised += step[u] * q.gradient[u]
-        if not is_beside and log_evidence(q, k, value - HOPE * promised) < bar:
+        if log_evidence(q, k, value - HOPE * promised) < bar:
             return math.inf, status
         if promised < enough:
             status = CONVERGED
@@ -181,7 +181,7 @@ def descend(
             trial[c, 1] = theta[c, 1] + step[u + 1] / longest
             trial[c, 2] = min(max(theta[c, 2] + step[u + 2] / longest, LOG_FORCE_MIN), LOG_FORCE_MAX)
             keep_on_board(lay, link, q.listed, q.n_listed[0], trial[c])
-        new = evaluate(lay, w, q, link, trial, k, is_beside)
+        new = evaluate(lay, w, q, link, trial, k)
         is_stale = not new <= value  # Jacobian and residuals are those of a step that is not taken
         at_edge = not is_stale and value - new < NEGLIGIBLE and damping > EDGE  # steps only go to and fro
         damping = 10.0 * damping if is_stale else max(0.1 * damping, 1e-9)
@@ -190,7 +190,7 @@ def descend(
             copy_contacts(trial, theta, k)
             write_equations(lay, w, q, theta, k)
     if is_stale:
-        evaluate(lay, w, q, link, theta, k, is_beside)
+        evaluate(lay, w, q, link, theta, k)
         write_equations(lay, w, q, theta, k)
     return value, status
 
@@ -207,12 +207,3 @@ def copy_contacts(source: Floats, to: Floats, k: int) -> None:
     """Copy k rows of contacts."""
     for c in range(k):
         copy_contact(source[c], to[c])
-
-
-@inner_kernel
-def hold(lay: Layout, q: Search, link: int, free: int, k: int) -> None:
-    """Write to ``base`` what contacts ``free`` to k of ``theta`` and those outside the group press."""
-    for t in range(q.n_listed[0]):
-        q.base[t] = q.back[t]
-    for c in range(free, k):
-        press(lay, q, link, q.theta, c, q.base, -1)

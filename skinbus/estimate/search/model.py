@@ -123,14 +123,11 @@ def weigh(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) -> 
 
 
 @inner_kernel
-def predict(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int, is_beside: bool) -> float:
-    """Return chi^2 of k contacts ``theta`` over the listed tactels; write Jacobian, weights and residuals.
-
-    ``is_beside``: beside the contacts that are held fixed, too, else beside those outside the group only.
-    """
+def predict(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) -> float:
+    """Return chi^2 of k contacts ``theta`` over the listed tactels; write Jacobian, weights and residuals."""
     n, pull, weight = q.n_listed[0], q.pull, q.weight
     for t in range(n):
-        pull[t] = q.base[t] if is_beside else q.back[t]
+        pull[t] = q.back[t]
         q.n_felt_by[t] = 0
     for c in range(k):
         press(lay, q, link, theta, c, pull, c)

@@ -1,8 +1,7 @@
 """The moves from one hypothesis to others: sizes, places, fewer contacts, more contacts.
 
-Each move replaces up to two contacts of a hypothesis by up to two others. The new ones come first in
-``theta``: they are fitted alone at first, then all together, by ``consider``. Only contacts of which the
-readings leave something open are moved:
+Each move replaces up to two contacts of a hypothesis by up to two others. Only contacts of which the readings
+leave something open are moved:
 
 =======  =====================================================  ==============================================
 move     proposes                                               for a contact
@@ -60,9 +59,9 @@ def expand(lay: Layout, w: Work, q: Search, link: int, h: int, full: bool) -> No
     if (full or misfit(q, h) > 1.0) and q.h_chi2[h, 0] > EVIDENT:
         propose_more(lay, q, link, h)
     for move in range(q.n_plans[0]):
-        free = k = q.plan[move, 2]
-        copy_contacts(q.plan_theta[move], q.theta, free)
-        for c in range(free):
+        k = q.plan[move, 2]
+        copy_contacts(q.plan_theta[move], q.theta, k)
+        for c in range(k):
             q.kind[c] = q.plan[move, 3 + c]
             q.theta[c, 1] = wrap(q.theta[c, 1], surface_of(lay.link, link).period)
             keep_on_board(lay, link, q.listed, q.n_listed[0], q.theta[c])
@@ -71,7 +70,7 @@ def expand(lay: Layout, w: Work, q: Search, link: int, h: int, full: bool) -> No
                 q.kind[k] = q.h_kind[h, c]
                 copy_contact(q.h_theta[h, c], q.theta[k])
                 k += 1
-        consider(lay, w, q, link, k, free)
+        consider(lay, w, q, link, k)
 
 
 @inner_kernel
