@@ -54,14 +54,7 @@ def monotonic_clock() -> Clock:
     return Clock(address, time.CLOCK_MONOTONIC)
 
 
-def _found() -> Clock | None:
-    try:
-        return monotonic_clock()
-    except OSError:
-        return None
-
-
-MONOTONIC: Final = _found()
+MONOTONIC: Final = monotonic_clock() if hasattr(time, "CLOCK_MONOTONIC") else None
 """The same for a default argument: None where there is none."""
 
 

@@ -94,10 +94,8 @@ class Contacts:
     def from_workspace(cls, work: Work, t_ns: int, unit: float = 1.0) -> Self:
         """Return copies of the columns that the last cycle left in a workspace; ``unit`` is its length, m."""
         rows = np.flatnonzero(work.alive[: work.n_contacts[0]])
-        covariance, place = work.covariance[rows], work.place[rows]
-        if unit != 1.0:  # on boards of the usual size it is
-            metres = np.array([unit, unit, 1.0])
-            covariance *= metres[:, None] * metres
+        place = work.place[rows]
+        metres = np.array([unit, unit, 1.0])
         names = ("link", "patch", "n_tactels", "quality", "status", "residual")
         return cls(
             t_ns=t_ns,
@@ -106,7 +104,7 @@ class Contacts:
             force=np.exp(place[:, 2]),
             level=_LEVEL_NAMES[work.level[rows]],
             size=place[:, 3].copy(),
-            covariance=covariance,
+            covariance=work.covariance[rows] * metres[:, None] * metres,
             **{name: getattr(work, name)[rows] for name in names},
         )
 

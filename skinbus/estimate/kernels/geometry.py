@@ -35,8 +35,6 @@ def wrap(a: float, period: float) -> float:
     half = 0.5 * period
     if -half <= a <= half or period == 0.0:
         return a
-    if -3.0 * half < a < 3.0 * half:  # two places on the surface are no further apart
-        return a - period if a > 0.0 else a + period
     turns = a / period + 0.5
     whole = int(turns)  # rounded down without a call, which would cost the loops around it their registers
     return a - period * (whole - (turns < whole))

@@ -205,7 +205,7 @@ def assign_and_average(lay: Layout, w: Work, i0: int, i1: int, first: int, k: in
             if not active[i]:
                 continue
             best, nearest = 0, math.inf
-            for c in range(k if k > 1 else 0):
+            for c in range(k):
                 dx, dy = x[i] - mean_x[c], y[i] - mean_y[c]
                 if dx * dx + dy * dy < nearest:
                     best, nearest = c, dx * dx + dy * dy
@@ -225,5 +225,3 @@ def assign_and_average(lay: Layout, w: Work, i0: int, i1: int, first: int, k: in
             if mass > 0.0:
                 mean_x[c] += sum_x / mass
                 mean_y[c] += sum_y / mass
-        if k == 1:
-            break

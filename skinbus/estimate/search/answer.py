@@ -12,12 +12,12 @@ from typing import Final
 
 from skinbus.estimate.kernels.board_places import keep_on_board
 from skinbus.estimate.kernels.constants import BAD_FIT, FEW_TACTELS, FULL_SCALE, NOT_CONVERGED, OVER_BUDGET
-from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
+from skinbus.estimate.kernels.geometry import surface_of, wrap
 from skinbus.estimate.kernels.law import amplitude, log_force_at
 from skinbus.estimate.kernels.layout import PEAK, Floats, Layout
 from skinbus.estimate.kernels.workspace import KINDS, SATURATED, Search, Work
 from skinbus.estimate.levels.merge import EVIDENCE
-from skinbus.estimate.search.evidence import RIVAL, TIP, best_of, misfit, prepare
+from skinbus.estimate.search.evidence import RIVAL, TIP, best_of, misfit, nearest_contact, prepare
 from skinbus.estimate.search.least_squares import CONVERGED, factorise, invert, write_equations
 from skinbus.jit import inner_kernel
 
@@ -31,39 +31,33 @@ FEW: Final = 0.25
 
 
 @inner_kernel
-def matching(lay: Layout, q: Search, link: int, h: int, s: float, a: float) -> int:
-    """Return the contact of hypothesis h that is nearest to a place."""
-    surface, best, least = surface_of(lay.link, link), 0, math.inf
-    for c in range(q.h_count[h]):
-        d = distance(surface, s, a, q.h_theta[h, c, 0], q.h_theta[h, c, 1])
-        if d < least:
-            best, least = c, d
-    return best
-
-
-@inner_kernel
-def simplest_kind(lay: Layout, q: Search, link: int, best: int, c: int) -> int:
-    """Return the simplest kind of size of contact c of the best hypothesis that is not refuted."""
-    top, k = q.h_score[best], q.h_count[best]
+def matching(lay: Layout, q: Search, link: int, h: int, best: int, c: int) -> int:
+    """Return the contact of hypothesis h that is nearest to contact c of the best one."""
     s, a = q.h_theta[best, c, 0], q.h_theta[best, c, 1]
-    for kind in range(KINDS):
-        q.row[kind] = 0.0
-    total = 0.0
-    for h in range(q.n_hypotheses[0]):
-        if q.h_count[h] == k and q.h_score[h] >= top - RIVAL:
-            share = math.exp(q.h_score[h] - top)
-            q.row[q.h_kind[h, matching(lay, q, link, h, s, a)]] += share
-            total += share
-    for kind in range(TIP):
-        if q.row[kind] >= REFUTED * total:
-            return kind
-    return TIP
+    return max(nearest_contact(lay, link, q.h_theta[h], q.h_count[h], s, a, -1)[0], 0)
 
 
 @inner_kernel
 def is_rival(q: Search, h: int, best: int) -> bool:
     """Return whether hypothesis h has the number of contacts of the best, and a share of the probability."""
     return bool(q.h_count[h] == q.h_count[best] and q.h_score[h] >= q.h_score[best] - RIVAL)
+
+
+@inner_kernel
+def simplest_kind(lay: Layout, q: Search, link: int, best: int, c: int) -> int:
+    """Return the simplest kind of size of contact c of the best hypothesis that is not refuted."""
+    for kind in range(KINDS):
+        q.row[kind] = 0.0
+    total = 0.0
+    for h in range(q.n_hypotheses[0]):
+        if is_rival(q, h, best):
+            share = math.exp(q.h_score[h] - q.h_score[best])
+            q.row[q.h_kind[h, matching(lay, q, link, h, best, c)]] += share
+            total += share
+    for kind in range(TIP):
+        if q.row[kind] >= REFUTED * total:
+            return kind
+    return TIP
 
 
 @inner_kernel
@@ -75,7 +69,7 @@ def write_mean(lay: Layout, q: Search, link: int, best: int, c: int, place: Floa
         place[x] = 0.0
     for h in range(q.n_hypotheses[0]):
         if is_rival(q, h, best):
-            e = matching(lay, q, link, h, theta[best, c, 0], theta[best, c, 1])
+            e = matching(lay, q, link, h, best, c)
             if min(q.h_kind[h, e], TIP) == wanted:
                 share = math.exp(q.h_score[h] - top)
                 total += share
@@ -113,7 +107,7 @@ def write_moments(lay: Layout, w: Work, q: Search, link: int, best: int, k: int)
         total += share
         for c in range(k):
             place, moment = w.place[q.rows[c]], w.covariance[q.rows[c]]
-            e = matching(lay, q, link, h, q.h_theta[best, c, 0], q.h_theta[best, c, 1])
+            e = matching(lay, q, link, h, best, c)
             force = math.exp(q.h_theta[h, e, 2])
             q.step[0] = q.h_theta[h, e, 0] - place[0]
             q.step[1] = wrap(q.h_theta[h, e, 1] - place[1], surface.period)

@@ -22,7 +22,7 @@ from typing import Final
 
 from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.geometry import distance, surface_of
-from skinbus.estimate.kernels.layout import OWN_SIZE, PROFILED, SHAPED, TYPICAL, UNSIZED, Layout
+from skinbus.estimate.kernels.layout import OWN_SIZE, PROFILED, SHAPED, TYPICAL, UNSIZED, Floats, Layout
 from skinbus.estimate.kernels.workspace import KEPT, KINDS, SATURATED, Search, Work
 from skinbus.estimate.search.least_squares import (
     CONVERGED,
@@ -108,6 +108,19 @@ def prepare(lay: Layout, w: Work, q: Search, link: int, h: int) -> float:
     value = evaluate(lay, w, q, link, q.theta, k)
     write_equations(lay, w, q, q.theta, k)
     return log_evidence(q, k, value) if factorise(q, q.dof[0] * k, 0.0) else -math.inf
+
+
+@inner_kernel
+def nearest_contact(
+    lay: Layout, link: int, theta: Floats, k: int, s: float, a: float, but: int
+) -> tuple[int, float]:
+    """Return which of k contacts ``theta``, but for one, is nearest to a place, and its distance (m)."""
+    surface, nearest, least = surface_of(lay.link, link), -1, math.inf
+    for c in range(k):
+        d = distance(surface, s, a, theta[c, 0], theta[c, 1])
+        if c != but and d < least:
+            nearest, least = c, d
+    return nearest, least
 
 
 @inner_kernel

@@ -47,8 +47,8 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
     """Replace the contacts of the clusters by those of the search, and drop those that are none."""
     for c in range(len(w.alive)):
         w.group[c], w.again[c] = c, w.alive[c]
-    for c in range(w.n_contacts[0]):
-        measure(lay, w, c)
+        if w.alive[c]:
+            measure(lay, w, c)
     for turn in range(
         3
     ):  # fit contacts beside each other, search groups, search those that have come together
@@ -189,12 +189,10 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
     list_tactels(lay, w, q, link, k)
     if q.n_listed[0] == 0:
         return
-    is_pressed, home = press_from_outside(lay, w, q, link, first, k), q.listed[0]
-    for t in range(q.n_listed[0]):
-        home = q.listed[t] if w.p[q.listed[t]] > w.p[home] else home
+    is_pressed = press_from_outside(lay, w, q, link, first, k)
     if not (search or is_pressed):
         return
-    kind = set_priors(lay, q, lay.law[home])
+    kind = set_priors(lay, q, law_of(lay, w, q.rows[0]))
     for tailed in range(2):
         k = take_group(w, q, first)
         for c in range(k):

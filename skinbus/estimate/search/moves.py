@@ -26,7 +26,7 @@ from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.law import amplitude, log_force_at, pressure
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.workspace import GROUP, KINDS, Search, Work
-from skinbus.estimate.search.evidence import RIVAL, TRY, consider, misfit, prepare
+from skinbus.estimate.search.evidence import RIVAL, TRY, consider, misfit, nearest_contact, prepare
 from skinbus.estimate.search.least_squares import copy_contact, copy_contacts, invert
 from skinbus.jit import inner_kernel
 
@@ -149,22 +149,11 @@ def propose_places(lay: Layout, q: Search, link: int, h: int) -> None:
 
 
 @inner_kernel
-def closest_to(lay: Layout, q: Search, link: int, k: int, c: int) -> tuple[int, float]:
-    """Return the contact of ``theta`` that is closest to contact c, and its distance (m)."""
-    surface, nearest, least = surface_of(lay.link, link), -1, math.inf
-    for e in range(k):
-        d = distance(surface, q.theta[c, 0], q.theta[c, 1], q.theta[e, 0], q.theta[e, 1])
-        if e != c and d < least:
-            nearest, least = e, d
-    return nearest, least
-
-
-@inner_kernel
 def propose_fewer(lay: Layout, q: Search, link: int, h: int) -> None:
     """Propose to leave out each contact, the nearest taking over, and to merge the closest pair."""
     k, theta, u, v, least = q.h_count[h], q.theta, 0, 1, math.inf
     for c in range(k):
-        e, d = closest_to(lay, q, link, k, c)
+        e, d = nearest_contact(lay, link, theta, k, theta[c, 0], theta[c, 1], c)
         if d < least:
             u, v, least = min(c, e), max(c, e), d
         row = q.dof[0] * c + 2
