@@ -121,7 +121,7 @@ def test_what_one_patch_of_a_touch_over_a_seam_feels_is_held_with_the_rest(skin)
     touch[5], touch[16 + 5] = 20e3, 3e3
     before = skin.baseline.zeros
     for _ in range(360):
-        skin.read(touch, seconds=10, period_ns=100_000_000)
+        skin.read(touch, seconds=10, period_ns=1_000_000_000)
     assert skin.baseline.touched[16 + 5]
     assert np.array_equal(skin.baseline.zeros[:32], before[:32])
 
@@ -189,7 +189,7 @@ def test_contact_held_for_an_hour_keeps_its_force():
     far = np.zeros(N)
     far[ARM.tactels_of(2)] = 500.0
     for n in range(360):  # the free patch drifts all the while
-        skin.read(held + far * n / 360, seconds=10, period_ns=100_000_000)
+        skin.read(held + far * n / 360, seconds=10, period_ns=1_000_000_000)
     assert abs(force() / before - 1.0) < 0.01
     assert np.abs((skin.baseline.zeros - offset)[ARM.tactels_of(2)] - 500.0).max() < 60.0
 
@@ -250,10 +250,11 @@ def test_clock_set_back_or_repeated_changes_no_zero(skin):
     assert np.array_equal(skin.baseline.zeros, before)
 
 
-def test_no_false_touch_in_a_hundred_thousand_cycles_of_drift():
+@pytest.mark.parametrize("n_cycles", [10_000, pytest.param(100_000, marks=pytest.mark.slow)])
+def test_drift_makes_no_false_touch(n_cycles):
     skin = Skin(seed=8)
     touched = 0
-    for n in range(100_000):
+    for n in range(n_cycles):
         skin.t_ns += PERIOD_NS
         out = 0.02 * n + SIGMA * skin.rng.standard_normal(N)
         skin.baseline.apply(out, skin.t_ns)
@@ -267,7 +268,7 @@ def test_settings_out_of_range_are_refused():
             Baseline(ARM, **settings)
 
 
-@pytest.mark.parametrize("period_ns", [2_000_000, 20_000_000])
+@pytest.mark.parametrize("period_ns", [pytest.param(2_000_000, marks=pytest.mark.slow), 20_000_000])
 @pytest.mark.parametrize("seconds", [0.1, 0.3, 0.6])
 @pytest.mark.parametrize("depth", [1400.0, 2500.0])
 def test_readings_that_fall_below_the_zero_and_come_back_are_no_touch(depth, seconds, period_ns):

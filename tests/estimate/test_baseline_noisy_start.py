@@ -34,7 +34,7 @@ class Start:
         return self.estimator.update(read, self.t_ns, baseline=self.baseline)
 
 
-@pytest.mark.parametrize("rate_hz", [20, 100])
+@pytest.mark.parametrize("rate_hz", [20, pytest.param(100, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("factor", [1.5, 2.0, 3.0, 5.0, 10.0])
 def test_a_noisy_board_makes_no_contact_from_its_first_reading_on(factor, rate_hz):
     for k in range(3):
@@ -73,7 +73,7 @@ def test_a_press_that_begins_before_there_are_zeros_is_a_contact(onset):
 
 
 @pytest.mark.parametrize("start_s", [1.0, 3.0, 30.0])
-@pytest.mark.parametrize("pa_per_s", [200.0, 1000.0, 5000.0])
+@pytest.mark.parametrize("pa_per_s", [pytest.param(200.0, marks=pytest.mark.slow), 1000.0, 5000.0])
 def test_a_press_that_grows_slowly_is_a_contact_and_stays_one(start_s, pa_per_s):
     """Its readings do not raise the noise, and so the threshold, ahead of it."""
     for k in range(2):

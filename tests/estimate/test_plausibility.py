@@ -115,7 +115,13 @@ DEAD_ONES = {
 }
 
 
-@pytest.mark.parametrize(("tactels", "n_seeds", "share"), DEAD_ONES.values(), ids=DEAD_ONES)
+@pytest.mark.parametrize(
+    ("tactels", "n_seeds", "share"),
+    [
+        pytest.param(*row, id=name, marks=[pytest.mark.slow] * name.startswith("at"))
+        for name, row in DEAD_ONES.items()
+    ],
+)
 def test_dead_tactel_is_named_within_ten_touches_of_its_neighbourhood(tactels, n_seeds, share):
     """Touches within a pitch of one; of a corner two in five are off the board, often felt by none."""
     n = []
@@ -162,14 +168,22 @@ def test_jumping_tactel_is_named_and_taps_are_not():
     assert healthy.faulty == []
 
 
-def test_no_false_alarm_of_touches_anywhere_one_to_three_at_once():
-    n, n_missing, cycles = touched(11, 3000)
+@pytest.mark.parametrize("least", [800, pytest.param(3000, marks=pytest.mark.slow)])
+def test_no_false_alarm_of_touches_anywhere_one_to_three_at_once(least):
+    n, n_missing, cycles = touched(11, least)
     assert n == 0
     assert n_missing <= 1e-4 * cycles * N, "readings that only look so are rare"
 
 
 @pytest.mark.parametrize(
-    ("kind", "force"), [(0, 3.0), (0, 10.0), (0, 30.0), (1, 3.0), (1, 10.0), (2, 5.0), (2, 30.0)]
+    ("kind", "force"),
+    [
+        *((0, 10.0), (2, 30.0)),
+        *(
+            pytest.param(*of, marks=pytest.mark.slow)
+            for of in [(0, 3.0), (0, 30.0), (1, 3.0), (1, 10.0), (2, 5.0)]
+        ),
+    ],
 )
 def test_tactels_beside_a_narrow_tip_that_presses_one_place_again_and_again_are_not_faulty(kind, force):
     for seed in range(12):

@@ -56,7 +56,9 @@ def test_frozen_board_is_withheld_from_its_first_repetition_to_its_first_new_sam
     assert not any(withheld(skin, touch, 50))
 
 
-@pytest.mark.parametrize("noise", [0.05, 0.15, 0.3, 0.6])
+@pytest.mark.parametrize(
+    "noise", [0.15, 0.3, *(pytest.param(noise, marks=pytest.mark.slow) for noise in (0.05, 0.6))]
+)
 def test_noise_of_less_than_a_count_makes_no_false_alarm_although_more_is_declared(noise):
     """The touch moves the readings to other parts of a step, where they change less often."""
 
@@ -121,7 +123,9 @@ def test_board_at_full_scale_is_withheld_at_once_and_named_within_half_a_second(
     assert skin.faulty == []
 
 
-@pytest.mark.parametrize("length", [6, 12, 19, 22, 24, 200])
+@pytest.mark.parametrize(
+    "length", [6, 19, 22, *(pytest.param(n, marks=pytest.mark.slow) for n in (12, 24, 200))]
+)
 @pytest.mark.parametrize("pause", [5, 100])
 def test_no_number_of_freezes_hides_the_next(length, pause):
     skin = Skin(20)
@@ -160,7 +164,7 @@ def test_four_tactels_in_a_row_that_repeat_in_every_second_cycle_are_missing_the
 @pytest.mark.parametrize("ramp", [np.linspace(0.1, 1.0, 6), np.linspace(1.0, 0.1, 6)], ids=["rises", "ends"])
 def test_tactel_that_stops_in_a_touch_is_missing_at_its_fourth_repetition(ramp):
     n_used = []
-    for seed in range(50, 80):
+    for seed in range(50, 60):
         skin = Skin(seed)
         skin.read(cycles=100)
         tactel = int(BOARD.start + skin.rng.integers(16))

@@ -201,7 +201,7 @@ def held(share):
                     rows.append([[contact.force for contact in contacts], sds])
                 elif len(rows) == 25:
                     break
-    return ids, *np.mean(rows, axis=0)
+    return ids, *np.mean(rows, axis=0)  # forces, sds
 
 
 @pytest.mark.slow  # three starts; tests/master/test_memory.py has the same on the virtual clock
@@ -217,17 +217,18 @@ def test_a_master_that_is_killed_in_a_press_and_while_it_starts_finds_contacts_a
         return skinbus("run", "pad", *bus, "--quiet", "--state", str(state.path), "--share", share)
 
     run = start()
-    ids, force, sd = held(share)
-    wait_until(lambda: sorted(c["id"] for c in (state.load() or {"contacts": ()})["contacts"]) == ids)
+    kept = [None]
+    while kept != (first := held(share))[0]:  # on a busy machine contacts may be lost before they are kept
+        kept = sorted(contact["id"] for contact in (state.load() or {"contacts": ()})["contacts"])
     for longest_s in (1.0, 3.0):
         time.sleep(rng.uniform(0.0, longest_s))  # when does not matter
         run.kill()
         run.wait()
         saved_s, run = state.load()["saved"], start()
-    again, force_again, sd_again = held(share)
+    again = held(share)
     is_late = time.time() - saved_s > KEPT_S
     run.terminate()
     if is_late or "readings-lost" in "".join(run.communicate(timeout=PATIENCE_S)):
         pytest.skip("a machine so busy that contacts were lost, or no longer taken up")
-    assert again == ids
-    assert (np.abs(force_again - force) <= 3.0 * np.maximum(sd, sd_again)).all()
+    assert again[0] == first[0]
+    assert (np.abs(again[1] - first[1]) <= 3.0 * np.maximum(first[2], again[2])).all()
