@@ -17,6 +17,9 @@ from skinbus.skin.addresses import BusAddress
 
 DEFAULT_BITRATE = 1_000_000
 
+INPUT = click.Path(dir_okay=False, path_type=Path)
+"""Kind of a file that a command reads; its reader refuses one that is none."""
+
 
 class Range(click.FloatRange):
     """A number within bounds; infinity and what is not a number are none."""
@@ -31,7 +34,7 @@ class Range(click.FloatRange):
 
 def file_option(*names: str, **settings: Any) -> Callable[..., Any]:
     """Return an option that names a file; ``settings`` are those of click."""
-    return click.option(*names, type=click.Path(dir_okay=False, path_type=Path), **settings)
+    return click.option(*names, type=INPUT, **settings)
 
 
 _INTERFACE = click.option(

@@ -15,7 +15,7 @@ from typing import Any, Final
 import click
 
 from skinbus import __version__
-from skinbus.errors import ConfigError, Fault, SkinbusError
+from skinbus.errors import SkinbusError
 from skinbus.printable import layout
 
 BROKEN_PIPE: Final = 141
@@ -71,30 +71,6 @@ def forget_output() -> None:
 def is_broken_pipe(error: BaseException | None) -> bool:
     """Whether the reader of our output has gone."""
     return isinstance(error, OSError) and error.errno == errno.EPIPE
-
-
-class Readable(click.Path):
-    """A file that a command reads; refused in the words of all other files that cannot be read."""
-
-    def __init__(self, *, allow_dash: bool = False, path_type: type[Path] | None = None) -> None:
-        super().__init__(dir_okay=False, allow_dash=allow_dash, path_type=path_type)
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the path; ``-`` is standard input where that is allowed."""
-        if not (self.allow_dash and value == "-"):
-            refuse_unreadable(value)
-        return super().convert(value, param, ctx)
-
-
-def refuse_unreadable(path: str | os.PathLike[str]) -> None:
-    """Refuse what is no file, with status 2 and the one fault that readers of files give.
-
-    Raises:
-        ConfigError: there is no such file, or it is a folder.
-    """
-    if not os.path.exists(path) or os.path.isdir(path):
-        why = os.strerror(errno.EISDIR if os.path.isdir(path) else errno.ENOENT)
-        raise ConfigError(os.fspath(path), [Fault("file", None, f"one that can be read ({why})")])
 
 
 SUMMARY: Final = '{\n "skinbus": '

@@ -86,7 +86,7 @@ def refused(monkeypatch, capfd):
         (("run", "forearm", "--seconds", "-1"), ("--seconds", "x>0")),
         (("replay", "none.log", "--arm", "pad"), ("file: wanted one that can be read (No such file",)),
         (
-            ("calibrate", "presses", "none.log", "--arm", "pad"),
+            ("calibrate", "presses", "x.log", "--arm", "pad", "--poses", "none.csv", "--out", "x.csv"),
             ("file: wanted one that can be read (No such file",),
         ),
         (("calibrate", "pad", "none.csv", "--out", "none.dcf"), ("one that can be read (No such file",)),

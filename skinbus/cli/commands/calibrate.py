@@ -15,7 +15,7 @@ import numpy.typing as npt
 from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, span
-from skinbus.cli.options import file_option
+from skinbus.cli.options import INPUT, file_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_file import find_arm, read_arm_file
@@ -43,7 +43,7 @@ BOARDS: Final = ("node", "presses", "left out", "error mm")
 
 @click.command()
 @click.argument("arm")
-@click.argument("presses", type=output.Readable(path_type=Path))
+@click.argument("presses", type=INPUT)
 @file_option(
     "--out",
     callback=output.dcf,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from skinbus.cli.options import file_option, level_option, log_channels_option
-from skinbus.cli.output import echo, refuse_unreadable, try_to_write, whole_file
+from skinbus.cli.output import echo, try_to_write, whole_file
 from skinbus.config.system import load_arm
 from skinbus.errors import SkinbusError
 
@@ -52,8 +52,6 @@ def command(log: str | None, arm: str, out: Path, channels: tuple[str, ...], lev
     if (log is None) != (kind == ".dbc"):
         wanted = "a DBC is made of the arm alone" if log else "give the recording"
         raise click.UsageError(f"{wanted}: LOG --arm ARM --out FILE, or --arm ARM --out FILE.dbc")
-    if log:
-        refuse_unreadable(log)
     loaded = load_arm(arm, check_load=False)
     try:
         if log:

@@ -13,7 +13,7 @@ import click
 from skinbus.cli.arm_target import arm_target
 from skinbus.cli.commands.scan import NO_NODE
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted, nodes
+from skinbus.cli.formatting import counted
 from skinbus.cli.host import run_to_end
 from skinbus.cli.live_presses import talk
 from skinbus.cli.options import BusWords, arm_bus_options, file_option
@@ -85,11 +85,10 @@ def boards_on(place: BusAddress, part: Arm, say: Say) -> Unplaced:
     scanner.other_master.refuse(str(place))
     bench = unplaced(scanner.nodes.values(), part)
     strangers = scanner.nodes if bench is None else bench.strangers
-    silent = {n for n in strangers if len(scanner.nodes[n].numbers) < len(NUMBERS)}
-    if silent:
-        say(f"{nodes(silent)}: answered no SDO request, or not all; left out", style="yellow")
-    if others := {*strangers} - silent:
-        say(f"{nodes(others)}: of no kind that the arm file has; left out")
+    for n in strangers:
+        is_silent = len(scanner.nodes[n].numbers) < len(NUMBERS)
+        why = "answered no SDO request, or not all" if is_silent else "of no kind that the arm file has"
+        say(f"node {n}: {why}; left out", style="yellow")
     if scanner.has_unconfigured:
         say("a node has no node-ID yet: `skinbus scan assign` gives it one", style="yellow")
     elif not scanner.nodes:

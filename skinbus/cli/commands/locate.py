@@ -11,11 +11,10 @@ from typing import Any, Final
 import click
 import numpy as np
 
-from skinbus.cli import output
 from skinbus.cli.arm_target import arm_target
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, span
-from skinbus.cli.options import file_option
+from skinbus.cli.options import INPUT, file_option
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_edit import write_arm
 from skinbus.config.arm_file import find_arm
@@ -35,7 +34,7 @@ than a third of a board of 50 mm, so that it is nearer to its own place than to 
 
 @click.command()
 @click.argument("arm")
-@click.argument("presses", type=output.Readable(path_type=Path))
+@click.argument("presses", type=INPUT)
 @click.option("--write", is_flag=True, help="Write places and yaws into the arm file; its comments stay.")
 @file_option("--out", help="Write them into this file, in place of ARM.")
 def command(arm: str, presses: Path, write: bool, out: Path | None) -> None:

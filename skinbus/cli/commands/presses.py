@@ -14,7 +14,7 @@ import numpy.typing as npt
 import skinbus
 from skinbus.cli import output
 from skinbus.cli.formatting import counted
-from skinbus.cli.options import Range, file_option, log_channels_option
+from skinbus.cli.options import INPUT, Range, file_option, log_channels_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_columns, write_presses
 from skinbus.config.system import load_arm
@@ -37,12 +37,12 @@ FEWEST: Final = 10
 
 
 @click.command()
-@click.argument("log", type=output.Readable(path_type=Path))
+@click.argument("log", type=INPUT)
 @click.option("--arm", required=True, help="The arm whose patches were recorded: a name or a TOML file.")
 @click.option(
     "--poses",
     required=True,
-    type=output.Readable(path_type=Path),
+    type=INPUT,
     help="Places of the tip over time: t_s with s_mm, a_mm (and height_mm), or x_mm, y_mm, z_mm in the "
     "frame of the link; force_n if the robot measures it.",
 )

@@ -98,10 +98,8 @@ def buses_for(arm: str | None, channels: Sequence[str]) -> Sequence[BusSettings]
     """Return the buses of an arm, or without one a bus for each channel."""
     if arm is not None:
         return load_arm(arm, check_load=False).buses
-    if named := [
-        name for name, sign, _ in (word.partition("=") for word in channels) if name.isidentifier() and sign
-    ]:
-        raise click.UsageError(f"names of buses, such as {named[0]}, are those of an arm file: give --arm")
+    if any("=" in word for word in channels):
+        raise click.UsageError("names of buses are those of an arm file: give --arm")
     if len(set(channels)) < len(channels):
         raise click.UsageError("a channel is given twice")
     return [BusSettings(bitrate=DEFAULT_BITRATE)] * max(len(channels), 1)

@@ -30,7 +30,7 @@ TITLES: Final = ("contact", "link", "from s", "to s", "s mm", "a mm", "force N",
 
 
 @click.command()
-@click.argument("log", type=output.Readable(allow_dash=True))
+@click.argument("log", type=click.Path(dir_okay=False, allow_dash=True))
 @click.option("--arm", required=True, help="The arm that was recorded: a name or a TOML file.")
 @log_channels_option
 @level_option()
