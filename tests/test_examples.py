@@ -140,6 +140,27 @@ def test_the_example_of_the_readme_runs_as_it_stands(capsys):
     assert re.match(r"1 forearm \[.*\] \d+\.\d N TOUCH\n1 forearm", capsys.readouterr().out)
 
 
+@pytest.mark.slow
+def test_the_tutorial_runs_as_it_stands_up_to_its_bus(tmp_path):
+    pytest.importorskip("yourdfpy")
+    text = (ROOT / "docs" / "tutorial.md").read_text().partition("## Put it on a bus")[0]
+    (tmp_path / "skinbus").symlink_to(ROOT)
+    (folder := tmp_path / "my-skin").mkdir()
+    said = ""
+    for kind, title, body in re.findall(r'```(\w+)(?: title="(.*?)")?\n(.*?)```', text, re.DOTALL):
+        command = body if kind == "sh" else f"python {title}" * (kind == "python")
+        if title:
+            (folder / title).write_text(body)
+        if "pip install" not in body:  # what is installed is tested elsewhere, and `view` does not end
+            command = command.replace("skinbus view", "skinbus scene check")
+            said += subprocess.check_output(
+                ["bash", "-ec", command], cwd=folder, text=True, timeout=PATIENCE_S
+            )
+    assert re.search(r"touched: forearm_link\n\d\.\d N at -?\d+, -?\d+, \d+ mm from the base", said)
+    assert "nan" not in said
+    assert said.endswith("5.00 N of 5 N\n")
+
+
 @pytest.fixture
 def writer(monkeypatch):
     """Writes cycles to shared memory under another name than "arm", which may be in use on this machine."""
