@@ -8,11 +8,9 @@ import pytest
 from skinbus.config.system import load_arm
 from skinbus.estimate import Estimator, Quality
 from skinbus.model import Arm, Cone, Transducer, grid
-from skinbus.sim.indenter import Indenter, Shape
 from skinbus.sim.laws import Elastic
-from skinbus.sim.layer import Geometry, Loads
 from tests.hard.ground import LAWS, NOISE, THRESHOLD, Ground, law_of, pressures_under, touch
-from tests.skins import cone_forearm, shipped_law
+from tests.skins import cone_forearm, feel_of, shipped_law
 
 levels = pytest.mark.parametrize("level", ["fit", "full"])
 laws = pytest.mark.parametrize("law", LAWS)
@@ -26,8 +24,7 @@ class Skin:
         self.arm = load_arm(name)
         self.rng = np.random.default_rng(seed)
         self._noise = np.random.default_rng(3)
-        self._law = Elastic().bind(Geometry.of(self.arm, discs=True), [Indenter(Shape.DISC, diameter)])
-        self._radius = 0.5 * diameter
+        self._feel = feel_of(self.arm, Elastic(), 0.5 * diameter)
 
     def place(self, off):
         """A place (s, a) within ``off`` of the centre of some board along each axis, m."""
@@ -36,11 +33,7 @@ class Skin:
 
     def press(self, places, force, noise=1.0):
         """Readings (n_tactels,) Pa of discs at rows of (s, a), m; force N, each."""
-        loads, clean = Loads(len(places)), np.zeros(self.arm.n_tactels)
-        loads.n = len(places)
-        loads.s[:], loads.a[:] = np.transpose(places)
-        loads.force[:], loads.radius[:] = force, self._radius
-        self._law.add(loads, clean)
+        clean = self._feel(np.column_stack([places, np.full(len(places), force)]))
         noises = np.array(self.arm.tactel_noise) * self._noise.standard_normal(self.arm.n_tactels)
         return clean + noise * noises
 

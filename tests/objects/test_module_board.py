@@ -1,5 +1,7 @@
 """An analogue module of others is a board: its DCF describes tactels, the master has it send them on SYNC."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -11,8 +13,8 @@ from skinbus.objects.eds import load_eds, read_eds
 from skinbus.objects.eds_lint import lint
 from skinbus.objects.new_board import HEARTBEAT_MS, NewBoard, module_dcf
 from tests.master.rig import Rig
-from tests.objects.analogue_module import module_eds
 
+EIGHT_INPUTS = Path(__file__).parent / "data" / "eight-inputs.eds"
 FULL_SCALE_PA = 500_000
 
 
@@ -29,7 +31,7 @@ def board(columns=4, rows=2):
 @pytest.fixture
 def dcf(tmp_path):
     path = tmp_path / "inputs.dcf"
-    path.write_text(module_dcf(module_eds(), board()))
+    path.write_text(module_dcf(EIGHT_INPUTS.read_text(), board()))
     return path
 
 

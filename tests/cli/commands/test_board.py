@@ -9,7 +9,7 @@ from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError, EdsError
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
-from tests.objects.analogue_module import module_eds
+from tests.objects.test_module_board import EIGHT_INPUTS
 
 ARM = """
 [arm]
@@ -131,7 +131,7 @@ def test_a_full_scale_that_is_none_is_refused_and_nothing_is_written(kpa, tmp_pa
 
 def test_an_analogue_module_of_others_becomes_a_board_of_an_arm(tmp_path):
     module, out = tmp_path / "module.eds", tmp_path / "inputs.dcf"
-    module.write_text(module_eds())
+    module.write_text(EIGHT_INPUTS.read_text())
     adopted = run("new", "--grid", "4x2", *INPUTS, "--module", module, "--out", out)
     assert adopted.exit_code == 0, adopted.output
     assert "8 tactels at the inputs of" in adopted.output
@@ -146,7 +146,7 @@ def test_an_analogue_module_of_others_becomes_a_board_of_an_arm(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "grid", "said"), [("no EDS", "4x2", "wanted an EDS"), (module_eds(), "3x2", "TPDOs")]
+    ("text", "grid", "said"), [("no EDS", "4x2", "wanted an EDS"), (EIGHT_INPUTS.read_text(), "3x2", "TPDOs")]
 )
 def test_a_module_that_cannot_be_a_board_is_refused_and_nothing_is_written(tmp_path, text, grid, said):
     module, out = tmp_path / "module.eds", tmp_path / "inputs.dcf"

@@ -1,7 +1,6 @@
 """Patches in one process, the master in another, and a plain CANopen client that knows only the EDS."""
 
 import contextlib
-import json
 import random
 import signal
 import socket
@@ -18,7 +17,7 @@ from skinbus.bus.udp_multicast import MulticastBus
 from skinbus.config.arm_file import find_arm
 from skinbus.config.state_file import StateFile
 from skinbus.errors import ShareError
-from tests.cli.patience import PATIENCE_S, until_in_time
+from tests.cli.patience import PATIENCE_S
 from tests.master.restarting import SCENE as HELD_SCENE
 
 EDS = Path(__file__).parents[3] / "eds" / "skin-master.eds"
@@ -130,30 +129,11 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
     states = client.sdo["Patch state"]
     wait_until(lambda: [states[node_id].raw for node_id in (1, 24, 25)] == [4, 4, 0])
 
-    def seen_by_monitor():
-        monitor = skinbus("monitor", arm, *bus, "--seconds", "2", "--json-lines")
-        out, err = monitor.communicate(timeout=PATIENCE_S)
-        assert monitor.returncode == 0, err
-        return [seen for line in out.splitlines() for seen in json.loads(line)["contacts"]]
-
-    # two seconds may pass without a contact when the patches are held up
-    (*_, seen) = until_in_time(seen_by_monitor, bool)
-    assert seen["s_mm"] == pytest.approx(78.0, abs=3.0)
-
     with attach(shared) as skin:
         cycle = next(cycle for cycle in skin if cycle.contacts)
         assert {c.link for c in cycle.contacts} == {"forearm"}
         # A contact may be gone for a moment in which the patches are held up.
         wait_until(lambda: any(abs(c.force - contact["Force"].raw) < 0.5 for c in skin.latest().contacts))
-
-    def second_run():
-        second = skinbus("run", arm, *bus, "--seconds", "1")
-        return second.communicate(timeout=PATIENCE_S)[1], second.returncode
-
-    # the first one may be held up for as long as the second one listens
-    said, code = until_in_time(second_run, lambda result: result[1] == 3)
-    assert code == 3
-    assert "a master is at work" in said
 
     said = said_to(manager)
     assert said[0] == "READY=1"
@@ -217,9 +197,13 @@ def test_a_master_that_is_killed_in_a_press_and_while_it_starts_finds_contacts_a
         return skinbus("run", "pad", *bus, "--quiet", "--state", str(state.path), "--share", share)
 
     run = start()
-    kept = [None]
-    while kept != (first := held(share))[0]:  # on a busy machine contacts may be lost before they are kept
-        kept = sorted(contact["id"] for contact in (state.load() or {"contacts": ()})["contacts"])
+    first = [held(share)]
+
+    def are_kept():  # on a busy machine contacts may be lost before that
+        first[0] = held(share)
+        return sorted(c["id"] for c in (state.load() or {"contacts": ()})["contacts"]) == first[0][0]
+
+    wait_until(are_kept)
     for longest_s in (1.0, 3.0):
         time.sleep(rng.uniform(0.0, longest_s))  # when does not matter
         run.kill()
@@ -230,5 +214,6 @@ def test_a_master_that_is_killed_in_a_press_and_while_it_starts_finds_contacts_a
     run.terminate()
     if is_late or "readings-lost" in "".join(run.communicate(timeout=PATIENCE_S)):
         pytest.skip("a machine so busy that contacts were lost, or no longer taken up")
-    assert again[0] == first[0]
-    assert (np.abs(again[1] - first[1]) <= 3.0 * np.maximum(first[2], again[2])).all()
+    (ids, force, sd), now = again, first[0]
+    assert ids == now[0]
+    assert (np.abs(force - now[1]) <= 3.0 * np.maximum(sd, now[2])).all()

@@ -39,36 +39,24 @@ def test_silence_is_8250_then_8130_then_absent_and_heals_by_itself(arm):
     assert flagged == {(True, False), (False, True)}  # at boot, while it is SILENT and while it is ABSENT too
 
 
+MISHAPS = {
+    "heartbeat stops": (lambda device: device.set(cia.HEARTBEAT_PRODUCER, 0, 0), "heartbeat-lost"),
+    "reboot": (lambda device: device.command(cia.NmtCommand.RESET_NODE), "patch-rebooted"),
+    "stopped": (lambda device: device.command(cia.NmtCommand.STOP), "patch-fell-back"),
+    "pre-operational": (lambda device: device.command(cia.NmtCommand.PRE_OPERATIONAL), "patch-fell-back"),
+}
+
+
 @pytest.mark.slow
-def test_heartbeat_that_stops_while_readings_come_is_8130_and_probed(arm):
-    arm.device(NODE).set(cia.HEARTBEAT_PRODUCER, 0, 0)
-    _, _, frames = arm.run(2000)
-    assert emcy(frames)[0] == (EmcyCode.HEARTBEAT, NODE)
+@pytest.mark.parametrize(("mishap", "kind"), MISHAPS.values(), ids=MISHAPS)
+def test_what_befalls_a_patch_is_8130_and_heals(arm, mishap, kind):
+    mishap(arm.device(NODE))
+    wake(arm)
+    _, events, frames = arm.run(2000)
+    assert (EmcyCode.HEARTBEAT, NODE) in emcy(frames)
+    assert kind in [event.kind for event in events if event.node_id == NODE]
     arm.device(NODE).set(cia.HEARTBEAT_PRODUCER, 0, 500)
     arm.run(3000)
-    assert_all_well(arm)
-
-
-@pytest.mark.slow
-def test_reboot_is_8130_and_heals_by_itself(arm):
-    arm.device(NODE).command(cia.NmtCommand.RESET_NODE)
-    wake(arm)
-    _, events, frames = arm.run(500)
-    assert (EmcyCode.HEARTBEAT, NODE) in emcy(frames)
-    assert emcy(frames)[-1][0] == EmcyCode.NO_ERROR
-    kinds = [event.kind for event in events if event.node_id == NODE]
-    assert kinds.index("patch-rebooted") < kinds.index("patch-started")
-    assert_all_well(arm)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("command", [cia.NmtCommand.STOP, cia.NmtCommand.PRE_OPERATIONAL])
-def test_command_of_somebody_else_is_8130_and_undone(arm, command):
-    arm.device(NODE).command(command)
-    _, events, frames = arm.run(1200)
-    assert (EmcyCode.HEARTBEAT, NODE) in emcy(frames)
-    assert "patch-fell-back" in [event.kind for event in events]
-    arm.run(1000)
     assert_all_well(arm)
 
 
