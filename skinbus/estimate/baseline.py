@@ -10,15 +10,15 @@ the release, the same share of the first two as of the threshold; sigma is its n
 free: below its zero by the distance from it, above by second differences, or a press that grows slowly would
 raise the threshold ahead of itself. Following resumes one second after the release.
 
-Start: the mean of half a second becomes the zero of a tactel if in that time nothing touched its patch, nor
-an adjoining one, and if it lies in the zero band. A patch touched when power comes is not zeroed: its
-pressures count from the zero of its calibration, and the half second begins anew until nothing touches it. So
-a touch at power-on is seen from the first cycle. The price: a zero that is off by more than the threshold
-looks like a touch (``suspect`` says which) until the board is calibrated, the tactel is taken out, or
-somebody calls :meth:`Baseline.zero`, which moves the zero band along.
+Start: the zero of a tactel is the mean of its first readings, from the first on, while nothing touches its
+patch, nor an adjoining one. A patch touched when power comes is not zeroed: its pressures count from the zero
+of its calibration until nothing touches it. So a touch at power-on is seen from the first cycle. The price: a
+zero that is off by more than the threshold looks like a touch (``suspect`` says which) until the board is
+calibrated, the tactel is taken out, or somebody calls :meth:`Baseline.zero`, which moves the zero band along.
 
-Out of band: nothing pulls a skin, so readings below the zero band are no zero and no pressure. The tactel is
-``out``, and no reading of it is used, until it reads within its band again.
+Out of band: nothing pulls a skin, so readings below the zero band are no zero and no pressure. Nor is a zero
+at the edge of its band one. The tactel is ``out``, and no reading of it is used, until it reads within its
+band again.
 
 Down: readings below the zero for half a second become the zero at once, if they are in the band. They may
 come back: the zero is as uncertain as it has moved, up to three thresholds.
@@ -77,21 +77,19 @@ Without a zero it is at least the declared one."""
 NOISE_S: Final = 10.0
 """Time constant of the noise estimate, s; sooner after the start it is the mean of all readings."""
 YOUNG_CYCLES: Final = 50
-"""Readings until the noise of a tactel is known by itself; before, it is at least what its board has in the
-mean, and what is declared."""
+"""Readings in which the noise of a tactel is measured, if it is free itself, whatever touches its patch: else
+one that is noisy would touch again and again before its noise is known."""
 SECOND_DIFFERENCE: Final = 6.0
 """Variance of p[t] - 2 p[t-1] + p[t-2], in variances of white noise; of a touch that grows evenly it is 0."""
 
 # --- Zeros -----------------------------------------------------------------------------------------
 EXPLAINED: Final = 3.0
 """Standard deviations of a zero within which drift explains a reading: chance exceeds them once in 370."""
-MOVING: Final = 3.0
-"""A tactel that varies by more than this many times its noise within a window is not zeroed by it."""
 WINDOW_CYCLES: Final = 10
-"""Least readings in the mean of a window, and readings in a row that take a tactel out of its band, back into
-it, or its zero down: one that is wrong by a bit does not."""
-LOW_S: Final = 0.5
-"""Time below its zero that takes it down, s: as long as the first zero takes."""
+"""Least readings in a row that take a tactel out of its band, back into it, its zero down, or a touch for
+drift: one that is wrong by a bit does not."""
+CALM_S: Final = 0.5
+"""Time below its zero that takes it down, and in which drift explains all that is left of a touch, s."""
 LOW_MOST: Final = 3.0
 """Standard deviation of a zero that has gone down, at most, in touch thresholds: three of it hide a touch
 until following has halved it a few times, within two seconds."""
@@ -114,10 +112,6 @@ CREEP_RISE_S: Final = 1.0
 """What creeps at once is there after a press of so long, s; ..."""
 CREEP_FALL_S: Final = 20.0
 """... and what creeps slowly goes in so long, s."""
-
-OFF, START, REST = 0, 1, 2
-"""What the window of a patch is for: nothing, its first zeros, or whether drift explains what is left of a
-touch."""
 
 
 class Felt(NamedTuple):
@@ -157,24 +151,21 @@ class Baseline:
     """Subtracts the zeros from the pressures of an arm.
 
     ``tau_s``     time constant of following, s: long against a touch, short against warming up
-    ``start_s``   time of which the mean is the first zero, s
     ``settle_s``  time from release to following again, s
 
     Columns whose names begin with an underscore are of tactels, (n_tactels,), or of patches, (n_patches,).
     """
 
-    def __init__(self, arm: Arm, *, tau_s: float = 30.0, start_s: float = 0.5, settle_s: float = 1.0) -> None:
+    def __init__(self, arm: Arm, *, tau_s: float = 30.0, settle_s: float = 1.0) -> None:
         check_arm(arm)
-        if not (tau_s > 0.0 and start_s > 0.0 and settle_s >= 0.0):
-            raise ValueError(
-                f"wanted tau_s > 0, start_s > 0, settle_s >= 0; got {tau_s}, {start_s}, {settle_s}"
-            )
+        if not (tau_s > 0.0 and settle_s >= 0.0):
+            raise ValueError(f"wanted tau_s > 0, settle_s >= 0; got {tau_s}, {settle_s}")
         self.arm = arm
-        self._tau, self._start_s, self._settle = tau_s, start_s, settle_s
+        self._tau, self._settle = tau_s, settle_s
         self._last_ns: int | None = None
         n, p = arm.n_tactels, arm.n_patches
         self._patch, self._first = np.asarray(arm.tactel_patch), np.asarray(arm.patch_start[:-1])
-        self._beside, self._healthy = _beside(arm), np.array(arm.tactel_healthy)
+        self._near, self._healthy = _near(arm), np.array(arm.tactel_healthy)
         self._full, self._touch = limit_of(arm), np.array(arm.tactel_threshold)
         # beyond any count: what is read further from 0 counts as this
         self._most = np.maximum(self._full, 0.0) + 2.0 * (1.0 + np.abs(arm.tactel_offset)) * step_of(arm)
@@ -182,18 +173,12 @@ class Baseline:
         # a board that declares no noise: no division, no threshold of 0
         self._declared2 = np.maximum(arm.tactel_noise, 1e-3) ** 2
         self._band, self._drift = np.array(arm.tactel_zero_band), arm.tactel_zero_drift**2 / DRIFT_S
-        self._common_drift = COMMON * COMMON * self._drift[self._first]
         self._zeroed = np.zeros(n, np.bool_)  # has a zero from readings
-        self._centre, self._pressed = np.zeros((2, n))
-        self._run, self._low_n, self._noise_n = np.zeros((3, n), np.int64)
-        self._below, self._quick = np.zeros(n), self._declared2.copy()
-        self._is_young, (self._last, self._earlier) = True, np.full((2, n), np.nan)
-        # of the window: readings, sums of what is above the zero and of its square, whether it was touched
-        self._n_read, self._sum, self._square, self._was_touched = np.zeros((4, n))
-        self._patch_touched, self._explained = np.zeros((2, p), np.bool_)
-        self._silent_s, self._quiet_s, self._window_s = np.zeros((3, p))
-        self._own_quiet_s = np.full(p, np.inf)
-        self._purpose, self._window_n = np.zeros((2, p), np.int64)
+        self._centre, self._pressed, self._level = np.zeros((3, n))
+        self._run, self._low_n, self._n_free = np.zeros((3, n), np.int64)
+        self._last, self._earlier = np.full((2, n), np.nan)
+        self._silent_s, self._calm_n = np.zeros((2, p))
+        self._quiet_s = np.full(p, np.inf)
         self.felt = Felt(
             touched=np.zeros(n, np.int8),
             zero=np.zeros(n),
@@ -226,160 +211,120 @@ class Baseline:
         seen = flags[self._patch] & self._healthy & np.isfinite(pressures)
         value = np.clip(np.where(seen, pressures, self._last), -self._most, self._most)
         second = value - 2.0 * self._last + self._earlier
-        was_free = self.felt.touched == FREE
-        # an onset is no noise, nor is a release
-        self._earlier = np.where(seen, np.where(was_free, self._last, np.nan), self._earlier)
-        self._last = value
-        if self._is_young:
-            self._begin_noise(seen)
-        seen = self._feel(seen, flags, dt)
-        learns = self._time(seen, flags, dt)
-        learned = learns[self._patch] & self._zeroed
-        first = was_free & ~self._zeroed & (self.felt.touched == FREE)
+        self._earlier, self._last = np.where(seen, self._last, self._earlier), value
+        new = seen & (self._n_free == 0)
+        if new.any():
+            self._begin(new)
+        seen = self._watch_band(seen)
+        self._feel(seen, flags, dt)
+        learns, waits = self._rest(seen, flags, dt)
+        at = seen & learns[self._patch]
+        w = self.felt
+        free = at | (seen & (w.touched == FREE) & (self._n_free < YOUNG_CYCLES))
+        self._n_free += free
         if learns.any():
-            seen = self._learn(seen & learned, dt) | (seen & first)
-        self._measure_noise(seen & (learned | first), second, dt)
-        pressures -= self.felt.zero
+            self._learn(at, dt)
+        self._measure_noise(free, second, dt)
+        watched = self._by_patch(at & self._zeroed) > 0
+        w.doubt[:] += self._drift * dt * ~(at | waits[self._patch])
+        # each tactel is observed: there is nothing that only the board as a whole has
+        common = w.common + COMMON**2 * self._drift[self._first] * dt * ~waits
+        w.common[:] = np.where(watched, 0.0, common)
+        pressures -= w.zero
 
-    def _begin_noise(self, seen: Bools) -> None:
+    def _begin(self, new: Bools) -> None:
         """Take what first readings have below zero for noise: nothing pulls a skin."""
-        new = seen & (self._noise_n == 0)
-        low = np.where(new, np.minimum(self._last - self._centre, 0.0), 0.0)
+        low = np.where(new, np.clip(self._last - self._centre, -self._band, 0.0), 0.0)
         mean2 = self._by_patch(low * low) / np.maximum(self._by_patch(low < 0.0), 1)
-        self._quick[new] = np.maximum(mean2[self._patch], self._declared2)[new]
-        self._noise_n[new] = 1
-        self.felt.variance[new] = self._quick[new]
+        self.felt.variance[new] = np.maximum(mean2[self._patch], self._declared2)[new]
+        self._n_free[new] = 1
 
-    def _feel(self, seen: Bools, fresh: Bools, dt: float) -> Bools:
-        """Note what is touched, what is out of band and what may creep; return the tactels read in band."""
-        w, value, before = self.felt, self._last, self.felt.touched != FREE
-        sigma = np.sqrt(w.variance)
-        away = value - self._centre
-        crosses = np.where(w.out, np.abs(away) <= self._band, away < -self._band - CLIP * sigma)
+    def _watch_band(self, seen: Bools) -> Bools:
+        """Note what is out of the zero band; return the tactels read in band."""
+        w, away, edge = self.felt, self._last - self._centre, np.abs(self.felt.zero - self._centre)
+        leaves = (away < -self._band - CLIP * np.sqrt(w.variance)) | (edge >= self._band)
+        crosses = np.where(w.out, np.abs(away) <= self._band, leaves)
         self._run = np.where(seen, np.where(crosses, self._run + 1, 0), self._run)
         turned = self._run >= WINDOW_CYCLES
         w.out[turned] ^= True
         self._run[turned] = 0
-        seen = seen & ~w.out
-        limit = np.maximum(self._touch, SIGMAS * sigma)
-        above = value - w.zero
+        return seen & ~w.out
+
+    def _feel(self, seen: Bools, fresh: Bools, dt: float) -> None:
+        """Note what is touched, and what may creep."""
+        w, above, before = self.felt, self._last - self.felt.zero, self.felt.touched != FREE
+        limit = self.threshold
         limit = np.where(before, limit * self._ratio, np.maximum(limit, EXPLAINED * np.sqrt(w.doubt)))
         touched = np.where(seen & (above >= limit), np.where(before, HELD, TOUCHED), FREE)
         np.copyto(w.touched, touched, "unsafe", where=fresh[self._patch])
-        self._patch_touched = np.where(fresh, self._by_patch(w.touched) > 0, self._patch_touched)
-        self._silent_s = np.where(fresh, 0.0, self._silent_s + dt)
-        lost = self._patch_touched & (self._silent_s > FORGET_S)
-        if lost.any():
-            self._patch_touched[lost] = False
-            self._own_quiet_s[lost] = FORGET_S
-            w.touched[lost[self._patch]] = FREE
-
-        now = np.maximum(above, 0.0) * np.where(value >= self._full, CREEP_FULL_SCALE, 1.0)
+        now = np.maximum(above, 0.0) * np.where(self._last >= self._full, CREEP_FULL_SCALE, 1.0)
         more = np.where(seen, now - self._pressed, 0.0)
         rise, fall = -math.expm1(-dt / CREEP_RISE_S), -math.expm1(-dt / CREEP_FALL_S)
         self._pressed += np.where(more > 0.0, rise, fall) * more
         np.copyto(w.creep, CREEP * np.maximum(self._pressed - now, 0.0), where=seen)
-        return seen
 
-    def _time(self, seen: Bools, fresh: Bools, dt: float) -> Bools:
-        """Run the windows of patches, and let zeros that are not followed grow unsure; return who learns."""
-        w, touched = self.felt, self._patch_touched
-        blocked = touched | (self._beside & touched).any(axis=1) if touched.any() else touched
-        self._quiet_s = np.where(blocked, 0.0, self._quiet_s + dt * fresh)
-        self._own_quiet_s = np.where(touched, 0.0, self._own_quiet_s + dt * fresh)
-        learns = fresh & ~blocked & (self._quiet_s + 0.5 * dt > self._settle) & (dt > 0.0)
-        # what is left may be touched in every other cycle
-        resting = self._own_quiet_s + 0.5 * dt <= self._settle
-        pending = self._by_patch(self._healthy & ~self._zeroed) > 0
-        purpose = np.where(resting, REST, np.where(pending & ~blocked, START, OFF))
-        purpose = np.where(fresh, purpose, self._purpose)
-        if purpose.any():
-            self._run_windows(seen, purpose, fresh & (purpose != OFF), resting, dt)
-        else:
-            self._purpose = purpose
-        waits = fresh & ~(blocked | learns)
-        w.doubt[:] += np.where(waits[self._patch] | (learns[self._patch] & seen), 0.0, self._drift * dt)
-        watched = learns & (self._by_patch(seen & self._zeroed) > 0)
-        # each tactel is observed: there is nothing that only the board as a whole has
-        w.common[:] = np.where(watched, 0.0, w.common + self._common_drift * dt * ~waits)
-        return learns
-
-    def _run_windows(self, seen: Bools, purpose: Any, on: Bools, resting: Bools, dt: float) -> None:
-        """Take the means of windows; where their time is over, make zeros of them if that is right."""
+    def _rest(self, seen: Bools, fresh: Bools, dt: float) -> tuple[Bools, Bools]:
+        """Let touches go that drift explains, or that nobody reads; return who learns, and who waits to."""
         w, patch = self.felt, self._patch
-        changed = purpose != self._purpose
-        self._purpose = purpose
-        begins = on & (changed | (self._window_n == 0))
-        self._explained &= ~changed
-        for column in (self._n_read, self._sum, self._square, self._was_touched):
-            column[begins[patch]] = 0.0
-        self._window_s = np.where(begins, 0.0, self._window_s) + dt * on
-        self._window_n = np.where(begins, 0, self._window_n) + on
-        taken, above = on[patch] & seen, self._last - w.zero
-        self._n_read += taken
-        self._sum[taken] += above[taken]
-        self._square[taken] += above[taken] ** 2
-        self._was_touched += taken & (w.touched != FREE)
-        done = on & (self._window_s + 0.5 * dt >= self._start_s) & (self._window_n >= WINDOW_CYCLES)
-        if not done.any():
-            return
-        self._window_n[done] = 0
-        n = np.maximum(self._n_read, 1)
-        mean, enough = self._sum / n, self._n_read >= WINDOW_CYCLES
-        scatter = self._square - n * mean**2
-        still = enough & (scatter <= (n - 1) * MOVING**2 * np.maximum(w.variance, self._declared2))
-        still &= np.abs(w.zero + mean - self._centre) <= self._band
-        new = (done & (purpose == START))[patch] & still & ~self._zeroed
+        self._silent_s = np.where(fresh, 0.0, self._silent_s + dt)
+        lost, touched = self._silent_s > FORGET_S, self._by_patch(w.touched) > 0
+        w.touched[lost[patch]] = FREE
+        self._quiet_s = np.where(touched, 0.0, self._quiet_s + dt * fresh)
+        self._quiet_s[lost] = np.inf
+        # what is left may be touched in every other cycle
+        resting = self._quiet_s + 0.5 * dt <= self._settle
+        self._calm_n *= resting
+        if resting.any():
+            gain = 1.0 / (1.0 + self._calm_n[patch])
+            self._level += np.where(seen, gain * (self._last - self._level), 0.0)
+            calm_n = np.where(resting & self._is_drift(seen, gain), self._calm_n + 1, 0)
+            self._calm_n = np.where(fresh, calm_n, self._calm_n)
+            wakeful = resting & (self._calm_n < _cycles(dt))
+            released = resting & ~(self._near & wakeful).any(axis=1)
+            new = released[patch] & seen
+            w.zero[new], w.doubt[new] = self._level[new], (w.variance * gain)[new]
+            w.touched[released[patch]] = FREE
+            w.common[released], self._quiet_s[released] = 0.0, np.inf
+        quiet_s = np.where(self._near, self._quiet_s, np.inf).min(axis=1)
+        free = fresh & (quiet_s > 0.0)
+        learns = free & (dt > 0.0) & (quiet_s + 0.5 * dt > self._settle)
+        return learns, free & ~learns
 
-        ends = done & (purpose == REST)
-        self._explained[ends] = self._is_drift(mean, enough, still)[ends]
-        released = ends & self._explained & ~(self._beside & resting & ~self._explained).any(axis=1)
-        w.touched[released[patch]] = FREE
-        new |= released[patch] & self._zeroed & enough
-        w.common[released], self._patch_touched[released], self._own_quiet_s[released] = 0.0, False, np.inf
-        w.zero[new] += mean[new]
-        w.doubt[new] = (w.variance / n)[new]
-        self._zeroed[new], self._low_n[new] = True, 0
-
-    def _is_drift(self, mean: Floats, enough: Bools, still: Bools) -> Bools:
-        """Return whether drift explains the means (Pa) of the windows of patches: together, and each."""
-        w, n = self.felt, np.maximum(self._n_read, 1)
-        variance = w.doubt + w.variance / n
-        known = np.where(enough & (self._was_touched == 0), 1.0 / variance, 0.0)
+    def _is_drift(self, seen: Bools, gain: Floats) -> Bools:
+        """Return whether drift explains the levels of patches: together, and each tactel."""
+        w, left = self.felt, self._level - self.felt.zero
+        variance = w.doubt + gain * w.variance
+        known = (seen & (w.touched == FREE)) / variance
         free = 1.0 + w.common * self._by_patch(known)
-        shift, unsure = w.common * self._by_patch(known * mean) / free, w.common / free
-        left2 = (mean - shift[self._patch]) ** 2
-        explained = self._zeroed & still & (left2 <= EXPLAINED**2 * (variance + unsure[self._patch]))
-        read = self._n_read > 0
-        return np.asarray((self._by_patch(read & ~explained) == 0) & (self._by_patch(read) > 0))
+        shift, unsure = w.common * self._by_patch(known * left) / free, w.common / free
+        most2 = EXPLAINED**2 * (variance + unsure[self._patch])
+        explained = self._zeroed & ((left - shift[self._patch]) ** 2 <= most2)
+        explained &= np.abs(self._level - self._centre) <= self._band
+        return np.asarray((self._by_patch(seen & ~explained) == 0) & (self._by_patch(seen) > 0))
 
-    def _learn(self, at: Bools, dt: float) -> Bools:
-        """Follow the zeros of free tactels; return those that are not below theirs."""
-        w, slowest = self.felt, min(dt / self._tau, 1.0)
+    def _learn(self, at: Bools, dt: float) -> None:
+        """Follow the zeros of free tactels."""
+        w, slowest, e = self.felt, min(dt / self._tau, 1.0), self._last - self.felt.zero
         # what a cover still shows of a press, or springs below, is noise that lasts
-        noise2, e = w.variance + w.creep**2, self._last - w.zero
+        noise2 = w.variance + w.creep**2
         most = CLIP * np.sqrt(noise2 + w.doubt)
         low = at & (e < -most)
         ok = at & ~low
         self._low_n = np.where(at, (self._low_n + 1) * low, self._low_n)
-        if low.any():
-            falls = low & (self._low_n >= max(WINDOW_CYCLES, LOW_S / dt - 0.5))
+        falls = self._low_n >= _cycles(dt)
+        if falls.any():
             # the whole of it, at once; it may as well come back
             w.zero[falls] = np.maximum(self._last, self._centre - self._band)[falls]
             w.doubt[falls] = np.minimum(e**2, (LOW_MOST * self._touch) ** 2)[falls]
             self._low_n[falls] = 0
-        gain = np.minimum(w.doubt / (w.doubt + noise2), min(MOST_GAIN, dt / GAIN_S))
+        gain = w.doubt / (w.doubt + noise2)
+        gain = np.minimum(gain, np.maximum(1.0 / np.maximum(self._n_free, 1), min(MOST_GAIN, dt / GAIN_S)))
         gain = np.maximum(gain, slowest)
-        zero = w.zero + gain * np.clip(e, -most, most)
+        zero = w.zero + gain * np.clip(e, -most, most) - self._centre
         doubt = np.maximum((1.0 - gain) ** 2 * w.doubt + gain**2 * noise2, slowest * noise2)
-        away = zero - self._centre
-        left_band = ok & (np.abs(away) > self._band)
-        zero = self._centre + np.clip(away, -self._band, self._band)
-        w.out[left_band & (e * away > 0.0)] = True
-        self._run[left_band] = 0
-        np.copyto(w.zero, zero, where=ok)
+        np.copyto(w.zero, self._centre + np.clip(zero, -self._band, self._band), where=ok)
         np.copyto(w.doubt, doubt, where=ok)
-        return ok
+        self._zeroed |= ok
 
     def _measure_noise(self, free: Bools, second: Floats, dt: float) -> None:
         """Follow the noise of free tactels by ``second`` (Pa) differences, and by what is below a zero.
@@ -387,24 +332,14 @@ class Baseline:
         Below its zero all is noise. Above may be a press that grows slowly, whose squares would raise the
         threshold ahead of it; of quick noise, second differences show all.
         """
-        w, e, most = self.felt, self._last - self.felt.zero, CLIP**2 * self.felt.variance
-        free = free & np.isfinite(second)
-        self._noise_n += free
-        gain = np.maximum(1.0 / np.maximum(self._noise_n, 1), dt / (NOISE_S + dt))
-        quick = np.minimum(second**2 / SECOND_DIFFERENCE, most) / CLIPPED_VARIANCE - self._quick
-        self._quick += np.where(free, gain * quick, 0.0)
-        below = np.minimum(e * e, most) / CLIPPED_VARIANCE - self._below
-        self._below += np.where(free & self._zeroed & (e < 0.0), gain * below, 0.0)
-        least = np.where(self._zeroed, NOISE_LEAST**2, 1.0) * self._declared2
-        variance = np.maximum(np.maximum(self._quick, self._below), least)
-        if self._is_young:
-            young = (self._noise_n > 0) & (self._noise_n < YOUNG_CYCLES)
-            self._is_young = bool((self._healthy & (self._noise_n < YOUNG_CYCLES)).any())
-            mean = self._by_patch(self._quick * young) / np.maximum(self._by_patch(young), 1)
-            least = np.maximum(mean[self._patch], self._declared2 * ~self._zeroed)
-            variance = np.where(young, np.maximum(self._quick, least), variance)
-            free |= young
-        np.copyto(w.variance, variance, where=free)
+        w, e = self.felt, self._last - self.felt.zero
+        total = w.variance + w.doubt
+        is_below = (e < 0.0) & (e * e <= CLIP**2 * total)
+        sample = np.where(is_below, e * e * w.variance / total, second**2 / SECOND_DIFFERENCE)
+        sample = np.minimum(sample, CLIP**2 * w.variance) / CLIPPED_VARIANCE
+        gain = np.maximum(1.0 / np.maximum(self._n_free, 1), dt / (NOISE_S + dt))
+        variance = np.maximum(w.variance + gain * (sample - w.variance), NOISE_LEAST**2 * self._declared2)
+        np.copyto(w.variance, variance, where=free & np.isfinite(second))
 
     def _by_patch(self, column: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return the sums of a column of tactels, (n_patches,)."""
@@ -416,17 +351,15 @@ class Baseline:
         The zero band moves along: whoever asks for it says that nothing touches the skin.
         """
         w, p = self.felt, slice(None) if patch is None else slice(patch, patch + 1)
-        i = np.isin(self._patch, np.arange(self.arm.n_patches)[p])
-        read = i & np.isfinite(self._last)
-        w.zero[read] = self._centre[read] = self._last[read]
-        w.touched[i] = FREE
+        i = slice(None) if patch is None else self.arm.tactels_of(patch)
+        read = np.isfinite(self._last[i])
+        for column in (w.zero, self._centre):
+            column[i] = np.where(read, self._last[i], column[i])
+        w.doubt[i] = np.maximum(w.variance[i], w.doubt[i])
+        self._n_free[i] = read
         self._zeroed[i] = w.out[i] = False
-        self._noise_n[read], self._is_young = 1, True
-        self._pressed[i] = w.creep[i] = 0.0
-        self._run[i] = 0
-        self._patch_touched[p] = False
-        self._own_quiet_s[p] = np.inf
-        self._purpose[p] = OFF
+        self._pressed[i] = w.creep[i] = self._low_n[i] = self._run[i] = w.touched[i] = 0
+        self._quiet_s[p] = np.inf
 
     def kept(self) -> KeptZeros:
         """Return what a restart must not lose."""
@@ -452,26 +385,24 @@ class Baseline:
         in common its free tactels show.
         """
         w, i = self.felt, self.arm.tactels_of(patch)
-        grown = self._drift[i] * age_s
+        grown, most = self._drift[i] * age_s, self._most[i]
         taken = kept.zeroed & self._healthy[i] & (EXPLAINED**2 * grown <= self._touch[i] ** 2)
-        noise2 = np.maximum(kept.variance, NOISE_LEAST**2 * self._declared2[i])
         news: list[tuple[npt.NDArray[Any], Any]] = [
-            (w.zero, np.clip(kept.zero, -self._most[i], self._most[i])),
-            (self._centre, np.clip(kept.centre, -self._most[i], self._most[i])),
+            (w.zero, np.clip(kept.zero, -most, most)),
+            (self._centre, np.clip(kept.centre, -most, most)),
             (w.doubt, kept.doubt + grown),
-            *((column, noise2) for column in (w.variance, self._below, self._quick)),
+            (w.variance, np.maximum(kept.variance, NOISE_LEAST**2 * self._declared2[i])),
             (w.touched, np.where(kept.touched, HELD, FREE)),
             (self._zeroed, True),
-            (self._noise_n, 10**6),
+            (self._n_free, 10**6),
         ]
         for column, new in news:
             column[i] = np.where(taken, new, column[i])
         self._pressed[i] = kept.pressed * math.exp(-age_s / CREEP_FALL_S)
         if taken.any():
-            w.common[patch] = kept.common[0] + self._common_drift[patch] * age_s
+            w.common[patch] = kept.common[0] + COMMON**2 * self._drift[i][0] * age_s
         if (kept.touched & taken).any():
-            self._patch_touched[patch] = True
-            self._own_quiet_s[patch] = 0.0
+            self._quiet_s[patch] = 0.0
         return int(taken.sum())
 
     @property
@@ -510,8 +441,13 @@ class Baseline:
         return self.felt.out.copy()
 
 
-def _beside(arm: Arm) -> Bools:
-    """Return which patches of one link have corners that may come close, (n_patches, n_patches)."""
+def _cycles(dt: float) -> float:
+    """Return the cycles of dt (s) after which ``CALM_S`` is over, at least ``WINDOW_CYCLES``."""
+    return max(WINDOW_CYCLES, CALM_S / max(dt, 1e-9) - 0.5)
+
+
+def _near(arm: Arm) -> Bools:
+    """Return which patches are one, or have corners that may come close, (n_patches, n_patches)."""
     half = np.array([0.5 * math.hypot(*placed.patch.size) for placed in arm.patches])
     near = np.zeros((arm.n_patches, arm.n_patches), np.bool_)
     for k, link in enumerate(arm.links):
@@ -519,4 +455,4 @@ def _beside(arm: Arm) -> Bools:
         s, a = arm.patch_s[p], arm.patch_a[p]
         d = link.surface.distance(s[:, None], a[:, None], s, a)
         near[np.ix_(p, p)] = d <= half[p, None] + half[p] + ADJOINING
-    return near & ~np.eye(arm.n_patches, dtype=np.bool_)
+    return near
