@@ -20,6 +20,7 @@ ALLOWED = {
     "robot": "model",
     "node": "can model objects",
     "bus": "can",
+    "firmware": "objects node",
     "sim": "can model objects config node robot",
     "master": "can model objects config node estimate robot",
     "planning": "can model objects config estimate",

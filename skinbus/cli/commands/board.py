@@ -1,4 +1,4 @@
-"""`skinbus board`: the EDS of a board of one's own, its file and its firmware checked."""
+"""`skinbus board`: the EDS of a board of one's own, its firmware, and both checked."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from skinbus.cli.progress import progress
 from skinbus.config.positions import lay_flat
 from skinbus.errors import ConfigError, EdsError, Fault
 from skinbus.file_bytes import read_bytes
+from skinbus.firmware import write_project
 from skinbus.master.commissioning.patch_check import (
     MS,
     N_SYNCS,
@@ -47,12 +48,13 @@ STYLES: Final = {Grade.PASS: "", Grade.FAIL: "bold red", Grade.SKIPPED: "dim"}
 
 @click.group()
 def command() -> None:
-    """Make the EDS of a board of your own, and check its file and its firmware.
+    """Make the EDS of a board of your own and its firmware, and check both.
 
     \b
     Examples:
       skinbus board new --grid 6x6 --pitch-mm 8 --bits 12 --out my-board.eds
       skinbus board lint my-board.eds
+      skinbus board firmware my-board.eds --out my-board/
       skinbus board check -c can0 --node 5 --eds my-board.eds
     """
 
@@ -200,6 +202,25 @@ def lint_eds(eds: str) -> None:
         f"{eds}: no fault; {counted(patch.n_tactels, 'tactel')} on {width:g} x {height:g} mm, "
         f"{counted(len(carrying), 'TPDO')}"
     )
+
+
+@command.command()
+@click.argument("eds")
+@click.option(
+    "--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder of the project."
+)
+def firmware(eds: str, out: Path) -> None:
+    """Write the firmware of the board that an EDS describes, as a C99 project.
+
+    What your hardware has to do is six functions, see ports/skeleton.c in it and docs/firmware.md. Files of
+    the project that you have changed are replaced: keep your port under a name of its own.
+
+    \b
+    Examples:
+      skinbus board firmware my-board.eds --out my-board/
+    """
+    n_bytes, n_values = write_project(eds, out)
+    echo(f"{out}: {n_values} values of {n_bytes} bytes; `make -C {out} socketcan` builds it for Linux")
 
 
 @command.command()

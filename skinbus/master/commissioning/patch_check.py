@@ -234,7 +234,7 @@ def _counts(patch: PatchCheck) -> Script[list[int]]:
 def _spare_bits(patch: PatchCheck) -> int:
     """Return how many bits of a reading lie below those of the converter."""
     transducer = describe_patch(patch.od).transducer
-    return transducer.bits - (transducer.converter_bits or transducer.bits)
+    return max(0, transducer.bits - (transducer.converter_bits or transducer.bits))
 
 
 # the rules

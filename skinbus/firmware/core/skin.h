@@ -1,0 +1,232 @@
+/* A tactile board as a CANopen device: what its parts share, and what the board layer gives and takes.
+ *
+ * There is no heap, no clock and no thread: the main loop of a port passes frames and the time, see sb_receive
+ * and sb_poll. All state of a board is in one struct sb_board. Sources: CiA 301, 305 and 401.
+ */
+#ifndef SKIN_H
+#define SKIN_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "board.h" /* made from the EDS: sizes, and the tables declared below */
+
+#ifndef SB_TEXT_ROOM
+#define SB_TEXT_ROOM 1024 /* bytes of RAM, and of flash, for each text that can be written (residual map) */
+#endif
+#ifndef SB_SAMPLE_US
+#define SB_SAMPLE_US 1000 /* how often readings are looked at for events (254, 255) */
+#endif
+#define SB_ERRORS 16   /* errors that are there at once, and EMCY messages that wait */
+#define SB_NOWHERE 0xFFFFu
+#define SB_UNCONFIGURED 0xFFu /* node-ID of a board that has none */
+#define SB_NEVER UINT64_MAX
+
+/* --- The object dictionary, as tables ------------------------------------------------------------- */
+
+enum { SB_READ = 1, SB_WRITE = 2, SB_MAP_TX = 4, SB_MAP_RX = 8, SB_RELATIVE = 16 }; /* relative to the node-ID */
+
+struct sb_run { /* consecutive sub-indices of one kind */
+    uint16_t index;
+    uint8_t sub, n;
+    uint8_t type, access; /* type as CiA 301 numbers it */
+    uint8_t limit;        /* number in sb_limits, 0 for none */
+    uint16_t at;          /* offset in the image, of a text its number in sb_texts */
+};
+struct sb_limit {
+    int64_t low, high;
+};
+struct sb_text { /* a value without fixed size */
+    const char *text;
+    uint16_t length; /* SB_NOWHERE: no value */
+    uint8_t slot;    /* room of one that can be written, from 1; 0: a constant */
+};
+extern const struct sb_run sb_runs[SB_N_RUNS];
+extern const uint8_t sb_defaults[SB_IMAGE];
+extern const struct sb_limit sb_limits[SB_N_LIMITS];
+extern const struct sb_text sb_texts[SB_N_TEXTS];
+extern const uint16_t sb_tpdos[SB_TPDO_ROOM], sb_rpdos[SB_RPDO_ROOM]; /* their numbers, from 0 */
+
+/* --- Frames and the board layer ------------------------------------------------------------------- */
+
+struct sb_frame {
+    uint16_t id;   /* 11 bits; a port passes on no extended frames and no error frames */
+    uint8_t flags; /* SB_REMOTE, SB_FD */
+    uint8_t length;
+    bool expires;  /* of a frame to send: not after the time t_us, also not out of a buffer of the controller */
+    uint32_t t_us; /* of a received frame: when its last bit came, or 0 if that is not known */
+    uint8_t data[SB_FRAME_BYTES];
+};
+enum { SB_REMOTE = 1, SB_FD = 2 };
+enum { SB_OLD = 1, SB_UNSETTLED = 2 }; /* what a sample may be, see docs/profile.md */
+
+struct sb_board;
+
+/* A port implements these six; its main loop calls sb_receive for each frame and then sb_poll. */
+bool can_send(struct sb_board *b, const struct sb_frame *frame, bool urgent); /* false: no room now; urgent
+    frames have a mailbox of their own, or heartbeats and EMCY wait behind readings */
+bool can_receive(struct sb_board *b, struct sb_frame *frame); /* false: no more */
+uint32_t micros(struct sb_board *b);                          /* may wrap around */
+uint8_t sample(struct sb_board *b, int16_t readings[SB_N_TACTELS], uint16_t *age_100us); /* left-adjusted;
+    returns SB_OLD, SB_UNSETTLED or 0 */
+bool flash_read(struct sb_board *b, unsigned page, size_t at, uint8_t *data, size_t n);
+bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t data[8]); /* at 0: erases the page */
+
+/* --- State ---------------------------------------------------------------------------------------- */
+
+enum { SB_INITIALISING = 0, SB_STOPPED = 4, SB_OPERATIONAL = 5, SB_PRE_OPERATIONAL = 127 };
+enum { SB_START = 1, SB_STOP = 2, SB_ENTER_PRE_OPERATIONAL = 128, SB_RESET_NODE = 129, SB_RESET_COMMUNICATION = 130 };
+
+struct sb_slot {
+    uint16_t at; /* in the image; SB_NOWHERE: a dummy */
+    uint8_t bits;
+};
+struct sb_pdo {
+    uint64_t free, due; /* end of the inhibit time, of the event time */
+    uint16_t id, inhibit, timer;
+    uint8_t type, start, length, n_slots;
+    uint8_t countdown; /* SYNCs to the next transmission */
+    bool valid, awaits_start, requested;
+    bool is_waiting; /* an RPDO waits for SYNC, with its data */
+    uint8_t data_length, data[SB_FRAME_BYTES];
+    struct sb_slot slots[SB_PDO_ENTRIES];
+};
+struct sb_error {
+    uint16_t code;
+    uint8_t bits, data[5];
+};
+struct sb_watched { /* a node of 0x1016 */
+    uint64_t due;
+    uint16_t time;
+    uint8_t node_id;
+    bool is_lost;
+};
+
+struct sb_board {
+    uint64_t now; /* us */
+    uint8_t node_id, next_node_id, state;
+    bool is_booted, is_mark_old; /* a parameter that outlives a reset of the communication was changed */
+    uint32_t dropped;            /* frames that broke a rule */
+    size_t flash_bytes;          /* of a page; 0: nothing can be stored */
+    void *port;                  /* of the board layer */
+
+    uint32_t (*on_write)(struct sb_board *, uint16_t index, uint8_t sub, const uint8_t *data); /* may be NULL; an
+        abort code refuses a write from the bus, such as a command (0x2050) */
+    void (*on_bit_rate)(struct sb_board *, uint8_t index, uint16_t delay_ms); /* may be NULL; LSS */
+
+    uint64_t beat, guard_due, emcy_free, sync_closes, sampled;
+    bool guard_toggle, is_guard_lost, is_sync_length_wrong, is_window_missed;
+
+    struct sb_error errors[SB_ERRORS];
+    uint8_t n_errors, n_waiting, waiting[SB_ERRORS][8];
+    struct sb_watched watched[SB_CONSUMED_ROOM];
+    struct sb_pdo tpdos[SB_TPDO_ROOM], rpdos[SB_RPDO_ROOM];
+    uint8_t sample_status;
+    int16_t sent[SB_N_TACTELS]; /* readings that events were last told of */
+    bool is_sent_known[SB_N_TACTELS];
+
+    uint8_t sdo_command, sdo_sub, sdo_toggle, sdo_buffer[8]; /* command 0: no transfer */
+    uint16_t sdo_index;
+    uint32_t sdo_length, sdo_done; /* length SB_UNKNOWN_LENGTH: not said */
+    uint64_t sdo_deadline;
+
+    bool lss_configures;
+    uint8_t lss_scanned, lss_bit_rate;
+    uint16_t lss_asked, lss_ours; /* bits: commands that came of those that name a board, and that fit */
+
+    uint8_t image[SB_IMAGE];
+    uint16_t text_length[SB_TEXT_SLOTS + 1];
+    uint8_t text[SB_TEXT_SLOTS + 1][SB_TEXT_SLOTS ? SB_TEXT_ROOM : 1];
+};
+
+/* --- For ports ------------------------------------------------------------------------------------ */
+
+void sb_init(struct sb_board *b, uint8_t node_id, uint32_t serial, size_t flash_bytes); /* keeps b->port */
+void sb_receive(struct sb_board *b, const struct sb_frame *frame, uint32_t now_us);
+uint32_t sb_poll(struct sb_board *b, uint32_t now_us); /* returns the us until it wants to be called again */
+bool sb_hears(const struct sb_board *b, uint16_t id, bool is_remote); /* for filters of the controller */
+void sb_command(struct sb_board *b, uint8_t command);
+bool sb_request(struct sb_board *b, unsigned tpdo); /* from 0; false if it is not sent on events now */
+bool sb_error(struct sb_board *b, uint16_t code, uint8_t bits, const uint8_t *data); /* data: 5 bytes or NULL */
+bool sb_error_end(struct sb_board *b, uint16_t code, const uint8_t *data);           /* NULL: all with this code */
+bool sb_set(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data);   /* no rights, no limits */
+
+/* --- Between the parts ---------------------------------------------------------------------------- */
+
+enum {
+    ABORT_TOGGLE = 0x05030000, ABORT_TIMEOUT = 0x05040000, ABORT_COMMAND = 0x05040001, ABORT_MEMORY = 0x05040005,
+    ABORT_ACCESS = 0x06010000, ABORT_WRITE_ONLY = 0x06010001, ABORT_READ_ONLY = 0x06010002,
+    ABORT_NO_OBJECT = 0x06020000, ABORT_NOT_MAPPABLE = 0x06040041, ABORT_PDO_TOO_LONG = 0x06040042,
+    ABORT_INCOMPATIBLE = 0x06040043, ABORT_HARDWARE = 0x06060000, ABORT_LENGTH_HIGH = 0x06070012,
+    ABORT_LENGTH_LOW = 0x06070013, ABORT_NO_SUB_INDEX = 0x06090011, ABORT_VALUE = 0x06090030,
+    ABORT_VALUE_HIGH = 0x06090031, ABORT_VALUE_LOW = 0x06090032, ABORT_NOT_STORED = 0x08000020,
+    ABORT_LOCAL_CONTROL = 0x08000021, ABORT_NO_DATA = 0x08000024
+};
+enum {
+    ERROR_DATA_SET = 0x6300, ERROR_COMMUNICATION = 0x8100, ERROR_HEARTBEAT = 0x8130, ERROR_PDO_LENGTH = 0x8210,
+    ERROR_PDO_TOO_LONG = 0x8220, ERROR_SYNC_LENGTH = 0x8240, ERROR_RPDO_TIMEOUT = 0x8250
+};
+#define SB_UNKNOWN_LENGTH UINT32_MAX
+#define COB_INVALID 0x80000000u
+#define COB_NO_RTR 0x40000000u
+#define COB_EXTENDED 0x20000000u
+
+/* object.c */
+uint32_t sb_load(const uint8_t *data, unsigned n);
+void sb_store(uint8_t *data, uint32_t value, unsigned n);
+unsigned sb_size(uint8_t type); /* bytes; 0 of a text */
+size_t sb_offset(const struct sb_run *run, uint8_t sub);
+const struct sb_run *sb_find(uint16_t index, uint8_t sub);
+uint32_t sb_get(const struct sb_board *b, uint16_t index, uint8_t sub); /* 0 where there is none */
+void sb_put(struct sb_board *b, uint16_t index, uint8_t sub, uint32_t value);
+void sb_load_defaults(struct sb_board *b, bool is_all, bool is_application);
+bool sb_is_default(const struct sb_board *b, const struct sb_run *run);
+bool sb_is_parameter(const struct sb_run *run);
+uint32_t sb_check(const struct sb_run *run, const uint8_t *data);
+uint32_t sb_admit(uint16_t index, uint8_t sub, uint32_t length);
+uint32_t sb_read(struct sb_board *b, uint16_t index, uint8_t sub, uint8_t *value, const uint8_t **data, uint32_t *n);
+uint32_t sb_write(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data, uint32_t n);
+uint32_t sb_ask_host(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data);
+void sb_changed(struct sb_board *b, uint16_t index, uint8_t sub);
+bool sb_is_restricted(uint32_t id);
+uint32_t sb_crc(uint32_t crc, const uint8_t *data, size_t n);
+void sb_marks_loaded(struct sb_board *b, bool is_application);
+
+/* node.c */
+bool sb_send(struct sb_board *b, uint32_t id, const uint8_t *data, uint8_t n, bool urgent);
+void sb_enter(struct sb_board *b, uint8_t state);
+void sb_reset(struct sb_board *b, bool is_application);
+void sb_clear_history(struct sb_board *b);
+void sb_node_changed(struct sb_board *b, uint16_t index);
+uint32_t sb_node_check(const struct sb_board *b, uint16_t index, uint8_t sub, uint32_t value);
+
+/* sdo.c */
+void sb_sdo_receive(struct sb_board *b, const struct sb_frame *frame);
+void sb_sdo_tick(struct sb_board *b);
+uint32_t sb_sdo_id(const struct sb_board *b, uint8_t sub);
+
+/* pdo.c */
+void sb_pdo_configure(struct sb_board *b);
+void sb_pdo_enter(struct sb_board *b);
+void sb_pdo_changed(struct sb_board *b, uint16_t index);
+uint32_t sb_pdo_check(struct sb_board *b, uint16_t index, uint8_t sub, uint32_t value);
+bool sb_rpdo_hears(const struct sb_board *b, uint16_t id);
+void sb_rpdo_receive(struct sb_board *b, const struct sb_frame *frame);
+void sb_rpdo_tick(struct sb_board *b);
+void sb_pdo_sync(struct sb_board *b, uint8_t counter);
+void sb_tpdo_tick(struct sb_board *b);
+uint64_t sb_pdo_wake(const struct sb_board *b);
+void sb_sample(struct sb_board *b);
+void sb_events(struct sb_board *b);
+
+/* lss.c */
+void sb_lss_receive(struct sb_board *b, const struct sb_frame *frame);
+
+/* storage.c */
+bool sb_storage_load(struct sb_board *b, bool is_application); /* false: damaged, or of another device */
+void sb_storage_power_on(struct sb_board *b);
+uint32_t sb_storage_command(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data);
+uint32_t sb_storage_keep_node_id(struct sb_board *b);
+
+#endif

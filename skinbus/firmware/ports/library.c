@@ -1,0 +1,135 @@
+/* A board as a shared library: whoever loads it gives frames, time and readings, and takes frames. For tests. */
+#include <string.h>
+
+#include "skin.h"
+
+#define ROOM 64
+
+struct library {
+    struct sb_board board;
+    struct sb_frame out[ROOM];
+    unsigned n_out;
+    int16_t readings[SB_N_TACTELS];
+    uint8_t status;
+    uint16_t age_100us;
+    uint8_t *flash; /* two pages */
+    uint32_t n_writes; /* words written until the supply fails; further ones fail */
+};
+
+static struct library *library_of(struct sb_board *b)
+{
+    return b->port;
+}
+
+bool can_send(struct sb_board *b, const struct sb_frame *frame, bool urgent)
+{
+    struct library *library = library_of(b);
+    if (library->n_out + (urgent ? 0 : 1) >= ROOM)
+        return false;
+    library->out[library->n_out++] = *frame;
+    return true;
+}
+
+uint8_t sample(struct sb_board *b, int16_t readings[SB_N_TACTELS], uint16_t *age_100us)
+{
+    const struct library *library = library_of(b);
+    memcpy(readings, library->readings, sizeof library->readings);
+    *age_100us = library->age_100us;
+    return library->status;
+}
+
+bool flash_read(struct sb_board *b, unsigned page, size_t at, uint8_t *data, size_t n)
+{
+    memcpy(data, &library_of(b)->flash[page * b->flash_bytes + at], n);
+    return true;
+}
+
+bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t data[8])
+{
+    struct library *library = library_of(b);
+    uint8_t *to = &library->flash[page * b->flash_bytes];
+    if (!library->n_writes)
+        return false;
+    const bool is_torn = --library->n_writes == 0; /* the supply fails within this word, or this erasing */
+    if (at == 0)
+        memset(to, 0xFF, is_torn ? b->flash_bytes / 2 : b->flash_bytes);
+    for (unsigned i = 0; i < (is_torn ? 3 : 8); i++)
+        to[at + i] &= data[i]; /* flash only clears bits */
+    return !is_torn;
+}
+
+/* Of what is in the library itself: main loops have can_receive and micros; here their caller has both. */
+
+size_t library_size(void)
+{
+    return sizeof(struct library);
+}
+
+void library_init(struct library *library, uint8_t node_id, uint32_t serial, uint8_t *flash, size_t flash_bytes)
+{
+    library->board.port = library;
+    library->flash = flash;
+    library->n_writes = UINT32_MAX;
+    sb_init(&library->board, node_id, serial, flash_bytes);
+}
+
+struct sb_frame *library_out(struct library *library)
+{
+    return library->out;
+}
+
+int16_t *library_readings(struct library *library)
+{
+    return library->readings;
+}
+
+unsigned library_n_out(struct library *library)
+{
+    const unsigned n = library->n_out;
+    library->n_out = 0;
+    return n;
+}
+
+void library_be(struct library *library, uint8_t status, uint16_t age_100us, uint32_t n_writes)
+{
+    library->status = status;
+    library->age_100us = age_100us;
+    library->n_writes = n_writes;
+}
+
+uint32_t library_value(const struct library *library, uint16_t index, uint8_t sub)
+{
+    return sb_get(&library->board, index, sub);
+}
+
+uint32_t library_state(const struct library *library)
+{
+    return library->board.state | (uint32_t)library->board.node_id << 8 | (library->board.dropped & 0xFFFF) << 16;
+}
+
+/* Put the identifiers that the board listens to, those of remote frames with bit 15; return how many. */
+unsigned library_ids(const struct library *library, uint16_t ids[])
+{
+    const struct sb_board *b = &library->board;
+    const uint16_t guarding = (uint16_t)(0x700u + b->node_id);
+    unsigned n = 0, n_heard = 0;
+    ids[n++] = 0;
+    ids[n++] = (uint16_t)(sb_get(b, 0x1005, 0) & 0x7FF);
+    ids[n++] = (uint16_t)(sb_sdo_id(b, 1) & 0x7FF);
+    ids[n++] = 0x7E5;
+    for (unsigned i = 0; i < SB_N_RPDO; i++)
+        ids[n++] = b->rpdos[i].id;
+    for (unsigned i = 0; i < SB_N_CONSUMED; i++)
+        ids[n++] = (uint16_t)(0x700u + b->watched[i].node_id);
+    for (unsigned i = 0; i < n; i++)
+        if (sb_hears(b, ids[i], false))
+            ids[n_heard++] = ids[i];
+    if (sb_hears(b, guarding, true))
+        ids[n_heard++] = (uint16_t)(guarding | 0x8000u);
+    return n_heard;
+}
+
+void library_on_write(struct library *library, uint32_t (*hook)(struct sb_board *, uint16_t, uint8_t, const uint8_t *))
+{
+    library->board.on_write = hook;
+}

@@ -1,0 +1,122 @@
+/* A board on Linux: SocketCAN, readings of a noisy converter without tactels, parameters in a file. */
+#include <errno.h>
+#include <fcntl.h>
+#include <net/if.h>
+#include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <linux/can.h>
+#include <linux/can/raw.h>
+
+#include "skin.h"
+
+#define FLASH_BYTES 16384u
+
+struct linux_port {
+    int socket, file;
+};
+static struct sb_board board;
+static struct linux_port port;
+
+bool can_send(struct sb_board *b, const struct sb_frame *frame, bool urgent)
+{
+    struct canfd_frame out = {.can_id = frame->id, .len = frame->length};
+    const bool is_fd = frame->flags & SB_FD;
+    (void)b, (void)urgent; /* the kernel has one queue */
+    out.flags = is_fd ? CANFD_BRS : 0;
+    memcpy(out.data, frame->data, frame->length);
+    return write(port.socket, &out, is_fd ? CANFD_MTU : CAN_MTU) > 0;
+}
+
+bool can_receive(struct sb_board *b, struct sb_frame *frame)
+{
+    struct canfd_frame in;
+    const ssize_t n = recv(port.socket, &in, sizeof in, MSG_DONTWAIT);
+    if (n <= 0) {
+        if (n < 0 && errno != EAGAIN && errno != EINTR && errno != ENETDOWN)
+            exit(1);
+        return false;
+    }
+    memset(frame, 0, sizeof *frame);
+    frame->id = (uint16_t)(in.can_id & CAN_SFF_MASK);
+    if (in.can_id & (CAN_EFF_FLAG | CAN_ERR_FLAG))
+        frame->id = 0x7FF; /* which no board hears */
+    frame->flags = (uint8_t)((in.can_id & CAN_RTR_FLAG ? SB_REMOTE : 0) | ((size_t)n == CANFD_MTU ? SB_FD : 0));
+    frame->length = in.len;
+    memcpy(frame->data, in.data, in.len < SB_FRAME_BYTES ? in.len : SB_FRAME_BYTES);
+    frame->t_us = micros(b);
+    return true;
+}
+
+uint32_t micros(struct sb_board *b)
+{
+    struct timespec now;
+    (void)b;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (uint32_t)(1000000 * (uint64_t)now.tv_sec + (uint64_t)now.tv_nsec / 1000);
+}
+
+uint8_t sample(struct sb_board *b, int16_t readings[SB_N_TACTELS], uint16_t *age_100us)
+{
+    const int step = SB_READING_BYTES == 1 ? 1 : 16;
+    (void)b;
+    *age_100us = 0;
+    for (unsigned k = 0; k < SB_N_TACTELS; k++)
+        readings[k] = (int16_t)(step * (rand() % 3 - 1));
+    return 0;
+}
+
+bool flash_read(struct sb_board *b, unsigned page, size_t at, uint8_t *data, size_t n)
+{
+    const ssize_t got = pread(port.file, data, n, (off_t)(page * b->flash_bytes + at));
+    if (got < 0)
+        return false;
+    memset(&data[got], 0xFF, n - (size_t)got);
+    return true;
+}
+
+bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t data[8])
+{
+    if (at == 0)
+        fsync(port.file); /* the page before is whole before this one goes */
+    return pwrite(port.file, data, 8, (off_t)(page * b->flash_bytes + at)) == 8 && fdatasync(port.file) == 0;
+}
+
+int main(int n, char **words)
+{
+    if (n < 3) {
+        fprintf(stderr, "usage: %s INTERFACE NODE-ID [SERIAL [PARAMETER-FILE]]\n", words[0]);
+        return 2;
+    }
+    struct ifreq interface;
+    struct sockaddr_can address = {.can_family = AF_CAN};
+    const int on = 1;
+    memset(&interface, 0, sizeof interface);
+    strncpy(interface.ifr_name, words[1], IFNAMSIZ - 1);
+    port.socket = socket(PF_CAN, SOCK_RAW, CAN_RAW);
+    setsockopt(port.socket, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on);
+    if (ioctl(port.socket, SIOCGIFINDEX, &interface) == 0)
+        address.can_ifindex = interface.ifr_ifindex;
+    if (!address.can_ifindex || bind(port.socket, (struct sockaddr *)&address, sizeof address) != 0) {
+        perror(words[1]);
+        return 1;
+    }
+    port.file = n > 4 ? open(words[4], O_RDWR | O_CREAT, 0644) : -1;
+    const uint32_t serial = n > 3 ? (uint32_t)strtoul(words[3], NULL, 0) : 0;
+    sb_init(&board, (uint8_t)strtoul(words[2], NULL, 0), serial, port.file < 0 ? 0 : FLASH_BYTES);
+    for (;;) {
+        struct sb_frame frame;
+        struct pollfd waits = {.fd = port.socket, .events = POLLIN};
+        while (can_receive(&board, &frame))
+            sb_receive(&board, &frame, micros(&board));
+        const uint32_t us = sb_poll(&board, micros(&board));
+        const struct timespec time = {.tv_sec = us / 1000000, .tv_nsec = 1000 * (long)(us % 1000000)};
+        ppoll(&waits, 1, &time, NULL);
+    }
+}

@@ -1,0 +1,220 @@
+/* A board with an STM32F072 (Cortex-M0, bxCAN): untried on hardware. 16 tactels and more through multiplexers.
+ *
+ * PA11, PA12: CAN, 1 Mbit/s from the internal 48 MHz oscillator, which is good enough for a short bus only if it is
+ * trimmed: use a crystal for a product. PA0: the common output of the multiplexers; PB0 to PB5: their address.
+ * Register names and bits are those of the reference manual RM0091.
+ */
+#include <string.h>
+
+#include "skin.h"
+
+#define REG(address) (*(volatile uint32_t *)(uintptr_t)(address))
+#define RCC(at) REG(0x40021000u + (at))
+#define GPIOA(at) REG(0x48000000u + (at))
+#define GPIOB(at) REG(0x48000400u + (at))
+#define TIM2(at) REG(0x40000000u + (at))
+#define CAN(at) REG(0x40006400u + (at))
+#define ADC(at) REG(0x40012400u + (at))
+#define FLASH(at) REG(0x40022000u + (at))
+#define MAILBOX(k) (0x180u + 0x10u * (k))
+
+#define PARAMETERS 0x0801C000u /* two times 8 kB at the end of the flash */
+#define FLASH_BYTES 8192u
+#define FLASH_PAGE 2048u
+#define CONVERTER_BITS 12
+#define SETTLE_US 10u
+#define URGENT 2u /* the mailbox that is kept for urgent frames */
+#define QUEUE 16u /* frames that wait for the others: a SYNC asks for eight at most */
+
+static struct sb_board board;
+static struct sb_frame queue[QUEUE];
+static unsigned first, n_queued;
+static bool expires[3]; /* by mailbox */
+static uint32_t expiry[3];
+
+uint32_t micros(struct sb_board *b)
+{
+    (void)b;
+    return TIM2(0x24); /* CNT, at 1 MHz */
+}
+
+static bool put(const struct sb_frame *frame, unsigned mailbox)
+{
+    uint8_t data[8] = {0};
+    if (!(CAN(0x08) >> (26 + mailbox) & 1)) /* TSR: TME */
+        return false;
+    memcpy(data, frame->data, frame->length < 8 ? frame->length : 8);
+    CAN(MAILBOX(mailbox) + 4) = frame->length;
+    CAN(MAILBOX(mailbox) + 8) = sb_load(data, 4);
+    CAN(MAILBOX(mailbox) + 12) = sb_load(&data[4], 4);
+    CAN(MAILBOX(mailbox)) = (uint32_t)frame->id << 21 | 1; /* TXRQ */
+    expires[mailbox] = frame->expires;
+    expiry[mailbox] = frame->t_us;
+    return true;
+}
+
+static bool is_late(bool expiring, uint32_t t_us)
+{
+    return expiring && (int32_t)(micros(&board) - t_us) > 0;
+}
+
+bool can_send(struct sb_board *b, const struct sb_frame *frame, bool urgent)
+{
+    (void)b;
+    if (urgent)
+        return put(frame, URGENT);
+    if (n_queued == QUEUE)
+        return false;
+    queue[(first + n_queued++) % QUEUE] = *frame;
+    return true;
+}
+
+/* Let what waits go on to the mailboxes, in its order, and take out of them what is late. */
+static void send_queued(void)
+{
+    for (unsigned k = 0; k < URGENT; k++)
+        if (is_late(expires[k], expiry[k])) {
+            expires[k] = false;
+            CAN(0x08) = 0x80u << 8 * k; /* ABRQ */
+        }
+    while (n_queued && (is_late(queue[first].expires, queue[first].t_us) || put(&queue[first], 0) ||
+                        put(&queue[first], 1))) {
+        first = (first + 1) % QUEUE;
+        n_queued--;
+    }
+}
+
+bool can_receive(struct sb_board *b, struct sb_frame *frame)
+{
+    if (!(CAN(0x0C) & 3)) /* RF0R: FMP */
+        return false;
+    const uint32_t id = CAN(0x1B0), length = CAN(0x1B4) & 15;
+    memset(frame, 0, sizeof *frame);
+    frame->id = (uint16_t)(id & 4 ? 0x7FF : id >> 21); /* of 29 bits: one that no board hears */
+    frame->flags = id & 2 ? SB_REMOTE : 0;
+    frame->length = (uint8_t)(length < 8 ? length : 8);
+    sb_store(frame->data, CAN(0x1B8), 4);
+    sb_store(&frame->data[4], CAN(0x1BC), 4);
+    frame->t_us = micros(b) | 1; /* the loop is never far behind */
+    CAN(0x0C) = 0x20;            /* RFOM */
+    return true;
+}
+
+uint8_t sample(struct sb_board *b, int16_t readings[SB_N_TACTELS], uint16_t *age_100us)
+{
+    const unsigned bits = 8 * SB_READING_BYTES - 1;
+    *age_100us = 0;
+    for (unsigned k = 0; k < SB_N_TACTELS; k++) {
+        GPIOB(0x18) = 0x3F0000u | k; /* BSRR: the address */
+        for (const uint32_t begin = micros(b); micros(b) - begin < SETTLE_US;) {
+        }
+        ADC(0x08) = 4; /* CR: ADSTART */
+        while (!(ADC(0x00) & 4)) { /* ISR: EOC */
+        }
+        const uint32_t raw = ADC(0x40) & 0xFFFu;
+        readings[k] = (int16_t)(bits > CONVERTER_BITS ? raw << (bits - CONVERTER_BITS) : raw >> (CONVERTER_BITS - bits));
+    }
+    return b->now < 20000 ? SB_UNSETTLED : 0;
+}
+
+bool flash_read(struct sb_board *b, unsigned page, size_t at, uint8_t *data, size_t n)
+{
+    memcpy(data, (const void *)(uintptr_t)(PARAMETERS + page * b->flash_bytes + at), n);
+    return true;
+}
+
+static void flash_wait(void)
+{
+    while (FLASH(0x0C) & 1) { /* SR: BSY */
+    }
+}
+
+bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t data[8])
+{
+    const uint32_t to = PARAMETERS + page * b->flash_bytes + at;
+    FLASH(0x04) = 0x45670123u; /* KEYR */
+    FLASH(0x04) = 0xCDEF89ABu;
+    for (uint32_t erased = 0; at == 0 && erased < b->flash_bytes; erased += FLASH_PAGE) {
+        FLASH(0x10) = 2; /* CR: PER */
+        FLASH(0x14) = to + erased;
+        FLASH(0x10) = 0x42; /* STRT */
+        flash_wait();
+    }
+    FLASH(0x10) = 1; /* PG */
+    for (unsigned i = 0; i < 8; i += 2) {
+        *(volatile uint16_t *)(uintptr_t)(to + i) = (uint16_t)sb_load(&data[i], 2);
+        flash_wait();
+    }
+    FLASH(0x10) = 0x80; /* LOCK */
+    return memcmp((const void *)(uintptr_t)to, data, 8) == 0;
+}
+
+static void start_hardware(void)
+{
+    RCC(0x34) |= 1u << 16; /* CR2: HSI48ON, and all from it */
+    while (!(RCC(0x34) >> 17 & 1)) {
+    }
+    FLASH(0x00) = 0x11; /* one wait state, prefetch */
+    RCC(0x04) = 3;
+    RCC(0x14) |= 3u << 17;              /* GPIOA, GPIOB */
+    RCC(0x18) |= 1u << 9;               /* ADC */
+    RCC(0x1C) |= 1u << 25 | 1u;         /* CAN, TIM2 */
+    GPIOA(0x00) |= 0x02800003u;         /* PA0 analogue, PA11 and PA12 alternate function */
+    GPIOA(0x24) |= 4u << 12 | 4u << 16; /* 4: CAN */
+    GPIOB(0x00) |= 0x555;               /* PB0 to PB5 outputs */
+    TIM2(0x28) = 47;                    /* 48 MHz / 48 */
+    TIM2(0x2C) = UINT32_MAX;
+    TIM2(0x14) = 1;
+    TIM2(0x00) = 1;
+    ADC(0x08) = 1u << 31; /* ADCAL */
+    while (ADC(0x08) >> 31) {
+    }
+    ADC(0x08) = 1; /* ADEN */
+    ADC(0x28) = 1; /* channel 0 */
+    ADC(0x14) = 2; /* 13.5 cycles */
+    CAN(0x00) = 0x45; /* MCR: INRQ, TXFP (in the order of requests), ABOM (recovers from bus-off) */
+    while (!(CAN(0x04) & 1)) {
+    }
+    CAN(0x1C) = 2u | 12u << 16 | 1u << 20; /* BTR: 48 MHz / 3, 1 + 13 + 2 quanta, sample point 87.5 % */
+    CAN(0x200) |= 1;                       /* one filter that passes all */
+    CAN(0x20C) |= 1;
+    CAN(0x240) = CAN(0x244) = 0;
+    CAN(0x21C) |= 1;
+    CAN(0x200) &= ~1u;
+    CAN(0x00) = 0x44;
+}
+
+extern uint32_t data_from[], data_begin[], data_end[], bss_begin[], bss_end[];
+int main(void);
+
+void reset(void)
+{
+    for (uint32_t *to = data_begin, *from = data_from; to < data_end;)
+        *to++ = *from++;
+    for (uint32_t *to = bss_begin; to < bss_end;)
+        *to++ = 0;
+    main();
+}
+
+static void stop(void)
+{
+    for (;;) { /* the watchdog, if there is one, resets the board */
+    }
+}
+
+__attribute__((section(".vectors"), used)) static void (*const vectors[16])(void) = {
+    (void (*)(void))0x20004000u, reset, stop, stop}; /* the end of the RAM; nothing is done in interrupts */
+
+int main(void)
+{
+    struct sb_frame frame;
+    const uint32_t serial = REG(0x1FFFF7ACu) ^ REG(0x1FFFF7B0u) ^ REG(0x1FFFF7B4u); /* of the part */
+    start_hardware();
+    sb_init(&board, SB_UNCONFIGURED, serial, FLASH_BYTES);
+    for (;;) {
+        while (can_receive(&board, &frame))
+            sb_receive(&board, &frame, micros(&board));
+        sb_poll(&board, micros(&board));
+        send_queued();
+    }
+}

@@ -1,0 +1,212 @@
+"""The firmware of a board as a core: its C, compiled on this machine, with the face of a Device."""
+
+from __future__ import annotations
+
+import ctypes as c
+import subprocess
+import tempfile
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.fd import CLASSIC_BYTES
+from skinbus.can.frame import LONG, REMOTE_ID, RTR, Frame
+from skinbus.firmware import write_project
+from skinbus.node.layout import ImageLayout, key_of
+from skinbus.objects.cia import NmtState
+from skinbus.objects.eds import load_eds
+
+FLAGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Werror", "-O1", "-DSB_SAMPLE_US=0")
+PAGE = 8192
+EMPTY = b"\xff" * 2 * PAGE
+ALWAYS = 2**32 - 1
+HOOK = c.CFUNCTYPE(c.c_uint32, c.c_void_p, c.c_uint16, c.c_uint8, c.POINTER(c.c_uint8))
+
+
+def build(project: Path, *flags: str) -> Path:
+    """Compile the core of a project with the port for tests; return the library."""
+    sources = [*sorted((project / "core").glob("*.c")), project / "board.c", project / "ports" / "library.c"]
+    library = project / "library.so"
+    command = ["cc", *FLAGS, *flags, "-shared", "-fPIC", f"-I{project}", f"-I{project / 'core'}"]
+    done = subprocess.run([*command, "-o", library, *sources], capture_output=True, text=True)
+    assert not done.returncode, done.stderr
+    return library
+
+
+class Code:
+    """A compiled library and the types of its functions."""
+
+    def __init__(self, path: Path, layout: ImageLayout) -> None:
+        class SbFrame(c.Structure):
+            _fields_ = (
+                *(("id", c.c_uint16), ("flags", c.c_uint8), ("length", c.c_uint8)),
+                *(
+                    ("expires", c.c_bool),
+                    ("t_us", c.c_uint32),
+                    ("data", c.c_uint8 * (layout.max_pdo_bits // 8)),
+                ),
+            )
+
+        self.frame_type, self.layout = SbFrame, layout
+        self.own = library = c.CDLL(str(path))
+        u8, u16, u32, handle, frame = c.c_uint8, c.c_uint16, c.c_uint32, c.c_void_p, c.POINTER(SbFrame)
+        for name, result, *arguments in (
+            ("library_size", c.c_size_t),
+            ("library_init", None, handle, u8, u32, handle, c.c_size_t),
+            ("library_out", frame, handle),
+            ("library_readings", c.POINTER(c.c_int16), handle),
+            ("library_n_out", c.c_uint, handle),
+            ("library_be", None, handle, u8, u16, u32),
+            ("library_value", u32, handle, u16, u8),
+            ("library_state", u32, handle),
+            ("library_ids", c.c_uint, handle, handle),
+            ("library_on_write", None, handle, HOOK),
+            ("sb_receive", None, handle, frame, u32),
+            ("sb_poll", u32, handle, u32),
+            ("sb_command", None, handle, u8),
+            ("sb_request", c.c_bool, handle, c.c_uint),
+            ("sb_error", c.c_bool, handle, u16, u8, c.c_char_p),
+            ("sb_error_end", c.c_bool, handle, u16, c.c_char_p),
+            ("sb_set", c.c_bool, handle, u16, u8, c.c_char_p),
+        ):
+            function = getattr(library, name)
+            function.restype, function.argtypes = result, arguments
+
+
+@cache
+def code_of(eds: str, *flags: str) -> Code:
+    """Compile the firmware of an EDS, once."""
+    with tempfile.TemporaryDirectory() as folder:
+        write_project(eds, Path(folder))
+        return Code(build(Path(folder), *flags), ImageLayout(load_eds(eds, 1), 1))
+
+
+def five(data: bytes | None) -> bytes | None:
+    return None if data is None else bytes(data[:5]).ljust(5, b"\0")
+
+
+class FirmwareDevice(Core):
+    """One board.
+
+    Args:
+        code: its firmware.
+        node_id: 1..127, or 255.
+        flash: two pages; kept over a loss of power by whoever keeps them. None: it cannot store.
+        n_writes: words of flash that can be written before the supply fails.
+    """
+
+    def __init__(self, code, node_id, *, serial=0, flash=None, n_writes=ALWAYS):
+        self.code, self.library = code, code.own
+        self.layout = code.layout
+        self.flash = flash
+        self._memory = c.create_string_buffer(self.library.library_size())
+        self._at = c.addressof(self._memory)
+        place = None if flash is None else c.addressof(c.c_char.from_buffer(flash))
+        self.library.library_init(self._at, node_id, serial, place, 0 if flash is None else len(flash) // 2)
+        self.library.library_be(self._at, 0, 0, n_writes)
+        self._n_writes = n_writes
+        self._out = self.library.library_out(self._at)
+        n = len(self.layout.subs(next(i for i in (0x6401, 0x6400) if i in self.layout.indices)))
+        self.readings = np.ctypeslib.as_array(self.library.library_readings(self._at), (n,))
+        self._ids, self._ids_seen, self._cob_ids = (c.c_uint16 * 256)(), b"-", frozenset()
+        self._hook = HOOK()
+        self._now_us = 0
+
+    @property
+    def nmt_state(self):
+        return NmtState(self.library.library_state(self._at) & 0xFF)
+
+    @property
+    def node_id(self):
+        return self.library.library_state(self._at) >> 8 & 0xFF
+
+    @property
+    def dropped(self):
+        return self.library.library_state(self._at) >> 16
+
+    @property
+    def cob_ids(self):
+        n = self.library.library_ids(self._at, self._ids)
+        ids = bytes(self._ids)[: 2 * n]
+        if ids != self._ids_seen:
+            self._ids_seen = ids
+            self._cob_ids = frozenset(REMOTE_ID | (i & 0x7FFF) if i & 0x8000 else i for i in self._ids[:n])
+        return self._cob_ids
+
+    @property
+    def sample_status(self):
+        return 0
+
+    @sample_status.setter
+    def sample_status(self, status):
+        self.be(status, 0)
+
+    def stop_readings(self, is_stopped):
+        self.be(int(is_stopped), 0)
+
+    def be(self, status, age_100us):
+        """Say what the next samples are."""
+        self.library.library_be(self._at, status, age_100us, self._n_writes)
+
+    @property
+    def on_write(self):
+        return self._hook
+
+    @on_write.setter
+    def on_write(self, hook):
+        def ask(_, index, sub, data):
+            entry = self.layout.entries[key_of(index, sub)]
+            return hook(index, sub, entry.decode(bytes(data[: entry.size]))) or 0
+
+        self._hook = HOOK(ask)
+        self.library.library_on_write(self._at, self._hook)
+
+    def image_view(self, index, sub, n):
+        assert index in (0x6401, 0x6400)
+        return self.readings[sub - 1 : sub - 1 + n]
+
+    def get(self, index, sub=0):
+        return self.library.library_value(self._at, index, sub)
+
+    def set(self, index, sub, value):
+        entry = self.layout.entries[key_of(index, sub)]
+        if index in (0x6401, 0x6400) and sub:
+            self.readings[sub - 1] = value
+        assert self.library.sb_set(self._at, index, sub, entry.encode(value))
+
+    def emcy(self, code, register=0, data=b""):
+        return self.library.sb_error(self._at, code, register, five(data))
+
+    def emcy_clear(self, code, data=None):
+        return self.library.sb_error_end(self._at, code, five(data))
+
+    def transmit_tpdo(self, number):
+        return self.library.sb_request(self._at, number - 1)
+
+    def command(self, command):
+        self.library.sb_command(self._at, command)
+
+    def step(self, now_ns, frames=()):
+        now_us = now_ns // 1000
+        took = []
+        for frame in frames:
+            if frame.flags not in (0, RTR) and frame.flags != LONG:
+                continue  # a port does not pass on others
+            data = frame.data[: len(self._out[0].data)]
+            own = self.code.frame_type(
+                frame.can_id, 1 if frame.flags == RTR else 2 * bool(frame.flags), len(data), False,
+                frame.t_ns // 1000 & 0xFFFFFFFF, type(self._out[0].data)(*data),
+            )  # fmt: skip
+            self.library.sb_receive(self._at, own, now_us & 0xFFFFFFFF)
+            self._take(now_ns, took)
+        wait = self.library.sb_poll(self._at, now_us & 0xFFFFFFFF)
+        self._take(now_ns, took)
+        return Step(took, [], NEVER if wait == 2**32 - 1 else (now_us + wait) * 1000)
+
+    def _take(self, now_ns, took):
+        for k in range(self.library.library_n_out(self._at)):
+            frame = self._out[k]
+            flags = LONG if frame.length > CLASSIC_BYTES else 0
+            took.append(Frame(frame.id, bytes(frame.data[: frame.length]), now_ns, flags))

@@ -1,0 +1,187 @@
+"""The firmware of a board on the virtual bus: it keeps every rule, and does what the simulated patch does."""
+
+import random
+import struct
+import subprocess
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from skinbus.can.core import NEVER
+from skinbus.can.frame import Frame
+from skinbus.can.virtual_bus import VirtualBus
+from skinbus.cli.commands.board import command
+from skinbus.firmware import write_project
+from skinbus.master.commissioning.patch_check import MS, RULES, Grade, PatchCheck
+from skinbus.node import Device
+from skinbus.node.storage import MemoryStorage
+from skinbus.objects.eds import eds_names, load_eds
+from skinbus.sim import load_scene
+from skinbus.skin.simulated import simulate
+from tests.firmware.firmware_device import EMPTY, FLAGS, FirmwareDevice, code_of
+from tests.firmware.traffic import Traffic
+
+NODE = 5
+BOARDS = [name for name in eds_names() if name.startswith("skin-patch")]
+READING = {name: 0x6400 if name.endswith(("8bit", "8x8")) else 0x6401 for name in BOARDS}
+
+
+def is_block(frame):
+    """Whether a frame begins or goes on with a block transfer, which the firmware does not have."""
+    return frame.can_id == 0x600 + NODE and frame.data[:1] and frame.data[0] >> 5 in (5, 6)
+
+
+def board(eds="skin-patch", **options):
+    return FirmwareDevice(code_of(eds), NODE, flash=bytearray(EMPTY), **options)
+
+
+def check(device, eds="skin-patch", n_syncs=50):
+    """Return the rules that a board breaks, and what was seen."""
+    wire = VirtualBus(1_000_000, data_bitrate=2_000_000)
+    wire.attach(device)
+    core = PatchCheck(NODE, load_eds(eds, NODE), 5 * MS, RULES, n_syncs=n_syncs, destructive=True)
+    wire.attach(core)
+    wire.run(200_000 * MS)
+    assert len(core.results) == len(RULES)
+    return {r.rule.name: r.detail for r in core.results if r.grade is Grade.FAIL}
+
+
+@pytest.mark.parametrize("eds", BOARDS)
+def test_firmware_of_every_board_keeps_every_rule(eds):
+    assert check(board(eds), eds) == {}
+
+
+def two(eds, seed):
+    """Return the simulated patch and the firmware of one board, and what is sent to both."""
+    od = load_eds(eds, NODE)
+    pair = Device(od, NODE, storage=MemoryStorage()), board(eds)
+    return pair, Traffic(pair[0].layout, NODE, seed)
+
+
+def run_both(eds, seed, n_steps):
+    """Pass the same traffic to both devices, and compare what they send.
+
+    What differs and is left out: block transfers; the stamp of samples for events; downloads of texts that
+    fail, after which the firmware has none.
+    """
+    pair, traffic = two(eds, seed)
+    said = []
+    readings = [device.image_view(READING[eds], 1, 16) for device in pair]
+    now_ns, wakes = 1_000_000, [NEVER, NEVER]
+
+    def step(frames):
+        steps = [device.step(now_ns, frames) for device in pair]
+        sent = [[(f.can_id, f.data.hex(" "), f.flags) for f in step.frames] for step in steps]
+        said.append((now_ns // 1000, [f"{f.can_id:03X} {f.data.hex(' ')}" for f in frames], *sent))
+        assert sent[0] == sent[1], "\n".join(map(str, said[-12:]))
+        wakes[:] = [step.wake_ns for step in steps]
+
+    step([])
+    for _, (us, frame) in zip(range(n_steps), traffic, strict=False):
+        until_ns = now_ns + 1000 * us
+        while min(wakes) <= until_ns:
+            now_ns = min(wakes)
+            step([])
+        now_ns = until_ns
+        if frame.can_id == 0x80 and not frame.flags:
+            for view in readings:
+                view[us % 16] = us % 127
+        step([] if is_block(frame) else [frame._replace(t_ns=now_ns)])
+        assert pair[0].cob_ids == pair[1].cob_ids
+        if pair[0].node_id != NODE:
+            return
+
+
+@pytest.mark.parametrize("eds", BOARDS)
+@pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2, 12), marks=pytest.mark.slow)], ids=str)
+def test_firmware_answers_as_the_simulated_patch(eds, seeds):
+    for seed in seeds:
+        run_both(eds, seed, 1000 if seed > 1 else 200)
+
+
+@pytest.mark.parametrize("n_frames", [10_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+def test_random_frames_do_no_harm(tmp_path, n_frames):
+    write_project("skin-patch-fd32", tmp_path)
+    sources = [*tmp_path.glob("core/*.c"), tmp_path / "board.c", tmp_path / "ports" / "library.c"]
+    fuzz = Path(__file__).parent / "fuzz.c"
+    sanitizers = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    command = ["cc", *FLAGS, *sanitizers, f"-I{tmp_path}", f"-I{tmp_path / 'core'}", "-o", tmp_path / "fuzz"]
+    subprocess.run([*command, *sources, fuzz], check=True)
+    done = subprocess.run([tmp_path / "fuzz", "7", str(n_frames)], capture_output=True, text=True)
+    assert not done.returncode, done.stderr
+
+
+PARAMETERS = ((0x1017, 0), (0x2030, 1), (0x2040, 0), (0x2031, 7), (0x6426, 3), (0x1020, 1))
+
+
+def ask(device, data):
+    """Return the answer to an SDO request."""
+    return device.step(10**9, [Frame(0x600 + NODE, data)]).frames[0].data
+
+
+def values_of(device):
+    return [ask(device, struct.pack("<BHB4x", 0x40, index, sub)) for index, sub in PARAMETERS]
+
+
+def booted(flash, **options):
+    device = FirmwareDevice(code_of("skin-patch"), NODE, flash=flash, **options)
+    device.step(10**9)
+    return device
+
+
+@pytest.mark.parametrize("n_losses", [100, pytest.param(1000, marks=pytest.mark.slow)])
+def test_loss_of_power_while_storing_leaves_the_old_parameters_or_the_new(n_losses):
+    """Also within a word and within an erasing; and whatever was lost, the next store is whole."""
+    rng = random.Random(3)
+    flash = bytearray(EMPTY)
+    n_old = n_new = 0
+    for _ in range(n_losses):
+        before = values_of(booted(flash))
+        device = booted(flash, n_writes=rng.randrange(1, 60))
+        for index, sub in PARAMETERS:
+            device.set(index, sub, rng.randrange(1, 200))
+        wanted = values_of(device)
+        stored = ask(device, struct.pack("<BHB4s", 0x23, 0x1010, 1, b"save"))
+        after = values_of(booted(flash))
+        assert after in (before, wanted)
+        assert after == wanted or stored[0] == 0x80
+        n_old, n_new = n_old + (after == before), n_new + (after == wanted)
+    assert min(n_old, n_new) > n_losses // 10
+
+
+@pytest.mark.slow
+def test_scene_on_24_firmware_boards_gives_the_contacts_of_simulated_ones(monkeypatch):
+    scene = load_scene("forearm")
+    simulated = contacts_of(scene)
+
+    def firmware(od, node_id, storage):
+        eds = next(name for name in BOARDS if load_eds(name, 1)[0x1018][2].default == od[0x1018][2].default)
+        return FirmwareDevice(code_of(eds), node_id, flash=bytearray(EMPTY))
+
+    monkeypatch.setattr("skinbus.sim.world.Device", firmware)
+    own = contacts_of(scene)
+    assert len(simulated) > 50
+    assert own == simulated
+
+
+def contacts_of(scene):
+    """Return the contacts of the cycles in which there are some."""
+    with simulate(scene, level="kmeans") as skin:
+        cycles = [[(c.link, c.s, c.a, c.force) for c in cycle.contacts] for cycle in skin]
+    return [contacts for contacts in cycles if contacts]
+
+
+def test_board_of_ones_own_keeps_every_rule(tmp_path):
+    eds = str(tmp_path / "own.eds")
+    made = CliRunner().invoke(command, ["new", "--grid", "6x6", "--pitch-mm", "8", "--out", eds])
+    assert not made.exit_code, made.output
+    assert check(board(eds), eds) == {}
+
+
+def test_project_builds_as_it_is_written(tmp_path):
+    done = CliRunner().invoke(command, ["firmware", "skin-patch", "--out", str(tmp_path / "own")])
+    assert not done.exit_code, done.output
+    make = ["make", "-s", "-C", tmp_path / "own", "socketcan", "skeleton"]
+    built = subprocess.run(make, capture_output=True, text=True)
+    assert (built.returncode, built.stderr) == (0, "")

@@ -1,0 +1,147 @@
+"""Random traffic for one board: mostly what a master sends, often a little wrong."""
+
+from __future__ import annotations
+
+import random
+import struct
+from collections.abc import Iterator
+
+from skinbus.can.fd import CLASSIC_BYTES, LENGTHS
+from skinbus.can.frame import RTR, Frame
+from skinbus.node.layout import ImageLayout
+
+WATCHED = 9
+STEPS_US = (0, 0, 0, 1, 50, 1_000, 5_000, 20_000, 100_000, 700_000, 1_200_000)
+COMMANDS = (1, 1, 1, 2, 128, 128, 129, 130, 3)
+SIGNATURES = (b"save", b"load", b"evas")
+
+
+class Traffic:
+    """Frames for a board of a layout, from a seed; each ``next`` gives (us that pass, frame or None)."""
+
+    def __init__(self, layout: ImageLayout, node_id: int, seed: int) -> None:
+        self.rng = random.Random(seed)
+        self.node_id = node_id
+        # the simulated patch leaves the stamp of the last SYNC on samples for events, the firmware does not
+        self.has_events = layout.max_pdo_bits == 8 * CLASSIC_BYTES
+        self.entries = list(layout.entries.values())
+        self.parameters = [e for e in self.entries if 0x1000 < e.index < 0x1F00 and e.writable]
+        self.kinds = (
+            *[self.sync] * 6,
+            *[self.read] * 3,
+            *[self.write] * 8,
+            *[self.configure] * 3,
+            self.segment,
+            self.segment,
+            *[self.nmt] * 2,
+            self.lss,
+            self.heartbeat,
+            self.guarding,
+            self.rpdo,
+            self.store,
+            self.junk,
+            self.pdo_off,
+        )
+
+    def __iter__(self) -> Iterator[tuple[int, Frame | None]]:
+        while True:
+            yield self.rng.choice(STEPS_US), self.rng.choice(self.kinds)()
+
+    def sdo(self, command: int, index: int, sub: int, data: bytes = b"") -> Frame:
+        head = struct.pack("<BHB", command, index, sub)
+        return Frame(0x600 + self.node_id, head + data.ljust(4, b"\0")[:4])
+
+    def number(self, size: int) -> bytes:
+        rng = self.rng
+        value = rng.choice((0, 0, 1, 2, 3, 5, 10, 100, 240, 254, 255, 0x7FFF, rng.getrandbits(8 * size)))
+        return value.to_bytes(8, "little")[:size]
+
+    def sync(self) -> Frame:
+        return Frame(0x80, bytes([self.rng.randrange(1, 6)])[: self.rng.choice((0, 0, 0, 1))])
+
+    def read(self) -> Frame:
+        entry = self.rng.choice(self.entries)
+        return self.sdo(0x40, entry.index, entry.sub)
+
+    def write(self) -> Frame:
+        entry = self.rng.choice(self.parameters if self.rng.random() < 0.7 else self.entries)
+        size = min(entry.size, 4) if self.rng.random() < 0.95 else self.rng.randrange(1, 5)
+        is_event = entry.index == 0x6423 or (0x1800 <= entry.index < 0x1A00 and entry.sub == 2)
+        if not entry.size or entry.index in (0x1010, 0x1011) or (is_event and not self.has_events):
+            return self.read()
+        return self.sdo(0x23 | (4 - size) << 2, entry.index, entry.sub, self.number(size))
+
+    def configure(self) -> Frame:
+        """A write of what matters most, with a value that makes sense."""
+        rng, node, on = self.rng, self.node_id, self.has_events
+        tpdo = 0x1800 + rng.randrange(2)
+        index, sub, size, value = rng.choice(
+            (
+                (tpdo, 2, 1, rng.choice((0, 1, 1, 2, 3, 241, *(254, 255) * on))),
+                (tpdo, 5, 2, rng.choice((0, 20))),
+                (tpdo, 1, 4, 0x40000180 + node),
+                (tpdo, 3, 2, rng.choice((0, 30))),
+                (tpdo, 6, 1, rng.randrange(4)),
+                (0x1017, 0, 2, rng.choice((0, 50, 700))),
+                (0x1019, 0, 1, rng.choice((0, 5, 1))),
+                (0x1007, 0, 4, rng.choice((0, 40, 2000))),
+                (0x1016, 1, 4, WATCHED << 16 | rng.choice((0, 30, 100))),
+                (0x1029, 1, 1, rng.randrange(4)),
+                (0x100C, 0, 2, 20),
+                (0x100D, 0, 1, rng.choice((0, 2))),
+                (0x6423, 0, 1, on),
+                (0x6426, 1, 4, rng.randrange(50)),
+                (0x6421, 1, 1, rng.randrange(8)),
+                (0x1400, 1, 4, 0x200 + node),
+                (0x1400, 2, 1, rng.choice((1, 255))),
+                (0x1400, 5, 2, rng.choice((0, 40))),
+                (0x1A00, 0, 1, 0),
+                (0x1A00, 1, 4, rng.choice((0x64010110, 0x10010008, 0x20500020, 0))),
+                (0x1A00, 0, 1, 1),
+                (0x1015, 0, 2, rng.choice((0, 10))),
+                (0x1020, 1, 4, 77),
+                (0x1014, 0, 4, rng.choice((0x80000085, 0x85))),
+            )
+        )
+        return self.sdo(0x23 | (4 - size) << 2, index, sub, value.to_bytes(4, "little"))
+
+    def pdo_off(self) -> Frame:
+        value = 0xC0000180 + self.node_id
+        return self.sdo(0x23, 0x1800 + self.rng.randrange(2), 1, value.to_bytes(4, "little"))
+
+    def store(self) -> Frame:
+        index, sub = self.rng.choice((0x1010, 0x1011)), self.rng.randrange(1, 6)
+        return self.sdo(0x23, index, sub, self.rng.choice(SIGNATURES))
+
+    def segment(self) -> Frame:
+        rng = self.rng
+        begin = (self.sdo(0x40, 0x1008, 0), self.sdo(0x21, 0x2040, 0, b"\x08"), self.sdo(0x20, 0x1015, 0))
+        command = rng.choice((0x60, 0x70, 0x00, 0x10, 0x1D, 0x0D, 0x0B, 0x80))
+        return rng.choice((*begin, *[Frame(0x600 + self.node_id, bytes([command]) + rng.randbytes(7))] * 4))
+
+    def nmt(self) -> Frame:
+        rng = self.rng
+        to = rng.choice((0, self.node_id, self.node_id, self.node_id + 1))
+        return Frame(0, bytes([rng.choice(COMMANDS), to, 0])[: rng.choice((2, 2, 2, 2, 1, 3))])
+
+    def lss(self) -> Frame:
+        rng = self.rng
+        command = rng.choice((0x04, 0x04, 0x11, 0x13, 0x17, 0x40, 0x41, 0x46, 0x4B, 0x4C, 0x51, 0x5A, 0x5E))
+        value = rng.choice((bytes([rng.randrange(3)]), bytes([self.node_id]), rng.randbytes(7)))
+        return Frame(0x7E5, (bytes([command]) + value).ljust(8, b"\0")[: rng.choice((8, 8, 8, 8, 7))])
+
+    def heartbeat(self) -> Frame:
+        rng = self.rng
+        state = rng.choice((0, 4, 5, 5, 127, 133, 34))
+        return Frame(0x700 + WATCHED, bytes([state, 0])[: rng.choice((1, 1, 1, 2))])
+
+    def guarding(self) -> Frame:
+        return Frame(0x700 + self.node_id, b"\0", 0, RTR)
+
+    def rpdo(self) -> Frame:
+        return Frame(0x200 + self.node_id, self.rng.randbytes(self.rng.choice((0, 3, 4, 4, 4, 8))))
+
+    def junk(self) -> Frame:
+        rng = self.rng
+        ids = (rng.randrange(0x800), 0x600 + self.node_id, 0x80, 0x7E5)
+        return Frame(rng.choice(ids), rng.randbytes(rng.choice(LENGTHS[:9])))
