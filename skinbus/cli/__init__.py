@@ -104,8 +104,8 @@ class LazyGroup(click.Group):
         """Find the command; a name that is none is answered with the nearest."""
         name, *rest = args
         if name not in COMMANDS:
-            subs = {sub: f"{name} {sub}" for name, subs in SUBCOMMANDS.items() for sub in subs}
-            near = [subs[name]] if name in subs else get_close_matches(name, COMMANDS, n=1)
+            near = [f"{above} {name}" for above, subs in SUBCOMMANDS.items() if name in subs]
+            near += get_close_matches(name, COMMANDS, n=1)
             hint = f" Did you mean {near[0]!r}?" if near else ""
             ctx.fail(f"No such command {name!r}.{hint}")
         if rest and rest[0] in SUBCOMMANDS.get(name, ()):

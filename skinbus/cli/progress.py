@@ -11,8 +11,8 @@ from skinbus.cli.console import Console
 
 
 @contextmanager
-def progress(console: Console, text: str, total: int, done: int = 0) -> Iterator[Callable[..., None]]:
-    """Show a bar with the time left; a number of cells moves it on, and a second number is a new total."""
+def progress(console: Console, text: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Show a bar with the time left; a number of cells moves it on."""
     with Progress(console=console) as bar:
-        task = bar.add_task(text, total=total, completed=done)
-        yield lambda n, total=None: bar.update(task, advance=n, total=total)
+        task = bar.add_task(text, total=total)
+        yield lambda n: bar.update(task, advance=n)

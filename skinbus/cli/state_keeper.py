@@ -119,10 +119,9 @@ def load_health(arm: Arm, state: Path) -> list[Records | None]:
         ConfigError: there is no file, or none that is whole.
     """
     file = health_file(state)
-    tables = file.load()
-    if tables is None:
-        faults = [Fault("file", fault, "a whole one") for fault in file.faults]
-        every = round(WRITE_HEALTH_EVERY_S / 60.0)
-        wanted = f"a file: `skinbus run --state {state}` writes it every {every} minutes, and when it ends"
-        raise ConfigError(str(file.path), faults or [Fault("file", None, wanted)])
-    return read_health(arm, tables)
+    if (tables := file.load()) is not None:
+        return read_health(arm, tables)
+    every = round(WRITE_HEALTH_EVERY_S / 60.0)
+    wanted = f"a file: `skinbus run --state {state}` writes it every {every} minutes, and when it ends"
+    faults = [Fault("file", fault, "a whole one") for fault in file.faults]
+    raise ConfigError(str(file.path), faults or [Fault("file", None, wanted)])

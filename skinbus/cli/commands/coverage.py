@@ -70,14 +70,11 @@ def _row(link: Coverage) -> tuple[str, ...]:
 
     on, blind = link.board >= 0, np.isinf(link.least_force)
     areas = [f"{1e4 * link.area[points].sum():.3g}" for points in (slice(None), on, blind)]
-    spreads = []
-    for column, unit in COLUMNS.values():
-        values = unit * getattr(link, column)[on] if on.any() else [np.nan]
-        spreads.append("{:.3g}, {:.3g}".format(*np.quantile(values, (0.5, 1.0), method="lower")))
-    return (
-        link.link, *areas, *spreads,
-        f"{100 * link.holds[on].mean():.3g}" if on.any() else "none",
-    )  # fmt: skip
+    if not on.any():
+        return link.link, *areas, *["none"] * (len(COLUMNS) + 1)
+    columns = [unit * getattr(link, name)[on] for name, unit in COLUMNS.values()]
+    ends = ["{:.3g}, {:.3g}".format(*np.quantile(own, (0.5, 1.0), method="lower")) for own in columns]
+    return link.link, *areas, *ends, f"{100 * link.holds[on].mean():.3g}"
 
 
 def _draw(links: list[Coverage], file: Path) -> None:

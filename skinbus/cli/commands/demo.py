@@ -73,12 +73,14 @@ def command(scene: str, level: Level) -> None:
 def errors_of(cycle: Cycle) -> list[tuple[float, float]]:
     """Return errors of place (m) and force (a part) of the contact nearest to each touch; inf without one."""
     seen = [contact for contact in cycle.contacts if contact.state not in (TrackState.COAST, TrackState.LIFT)]
-    errors = []
-    for touch in cycle.truth:
-        own = [
-            (float(np.linalg.norm(contact.point - touch.point)), abs(contact.force / touch.force - 1.0))
-            for contact in seen
-            if contact.link == touch.link
-        ]
-        errors.append(min(own, default=(np.inf, np.inf)))
-    return errors
+    return [
+        min(
+            (
+                (float(np.linalg.norm(contact.point - touch.point)), abs(contact.force / touch.force - 1.0))
+                for contact in seen
+                if contact.link == touch.link
+            ),
+            default=(np.inf, np.inf),
+        )
+        for touch in cycle.truth
+    ]

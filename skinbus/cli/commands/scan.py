@@ -85,9 +85,9 @@ def row_of(node: Found, found: Match) -> tuple[str, ...]:
     state = "no heartbeat" if node.state is None else node.state.name.lower().replace("_", "-")
     state += "" if node.answers else ", no SDO"
     state += f", error 0x{node.error_register:02X}" if node.error_register else ""
-    vendor, product, revision, serial = map(node.numbers.get, ("vendor", "product", "revision", "serial"))
-    numbers = ":".join("-" if number is None else f"{number:X}" for number in (vendor, product, revision))
+    numbers = [node.numbers.get(name) for name, *_ in IDENTITY]
+    shown = ["-" if number is None else f"{number:X}" for number in numbers[:3]]
     names = " or ".join(found.names) or "none"
     names += "" if found.exact or not found.names else " (other revision)"
-    shown = "-" if serial is None else str(serial)
-    return str(node.node_id), state, numbers, shown, names, printable(node.texts.get("name", "-"))
+    serial = "-" if numbers[3] is None else str(numbers[3])
+    return str(node.node_id), state, ":".join(shown), serial, names, printable(node.texts.get("name", "-"))

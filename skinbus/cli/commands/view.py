@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -126,7 +126,7 @@ def source_of(
 
     if Path(source).is_file() and Path(source).suffix.lower() not in ("", ".toml"):
         raise click.UsageError(f"{source} is neither an arm nor a scene; a recording needs --arm ARM")
-    on_bus = any(word for word in where)
+    on_bus = any(where)
     if shared is not None:
         if on_bus:
             raise click.UsageError("--attach reads shared memory: no bus is used")
@@ -149,9 +149,6 @@ def is_scene(source: str) -> bool:
     """Whether a word names a scene, or a file that has a table of that name."""
     from skinbus.sim.scene_file import scene_names
 
-    if source in scene_names():
-        return True
-    try:
-        return "scene" in tomllib.loads(Path(source).read_text(encoding="utf-8"))
-    except (OSError, ValueError):  # load_arm says what is wrong with it
-        return False
+    with suppress(OSError, ValueError):  # load_arm says what is wrong with it
+        return source in scene_names() or "scene" in tomllib.loads(Path(source).read_text(encoding="utf-8"))
+    return False
