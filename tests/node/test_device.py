@@ -1,61 +1,28 @@
 """The device as its host sees it: values and views, memory, hooks, events, timers."""
 
-import canopen
+from pathlib import Path
+
 import pytest
-from canopen.objectdictionary import ODRecord, ODVariable, datatypes
 
 from skinbus.can.core import NEVER
 from skinbus.can.event import EventKind
 from skinbus.can.frame import EXTENDED, LONG, RTR, Frame
 from skinbus.node import Device
 from skinbus.objects.cia import AbortCode, NmtState
-from skinbus.objects.eds import load_eds
+from skinbus.objects.eds import build_od, load_eds
+from skinbus.objects.eds_file import read_text
 from tests.node.node_table import Bench
 
 START = Frame(0, b"\x01\x00")
 SYNC = Frame(0x80)
 
 
-def variable(name, index, sub=0, *, kind=datatypes.UNSIGNED8, access="rw", default=0, mappable=True):
-    made = ODVariable(name, index, sub)
-    made.data_type, made.access_type, made.default, made.pdo_mappable = kind, access, default, mappable
-    return made
-
-
-def record(name, index, *members):
-    made = ODRecord(name, index)
-    for member in members:
-        made.add_member(member)
-    return made
+ODD = Path(__file__).parent / "odd.eds"
+"""A small dictionary whose PDOs are not whole bytes: boolean, byte, boolean, 16 bits."""
 
 
 def odd_od():
-    """A small dictionary with a PDO that is not whole bytes: boolean, byte, boolean, 16 bits."""
-    od = canopen.ObjectDictionary()
-    od.node_id = 3
-    u32 = {"kind": datatypes.UNSIGNED32, "mappable": False}
-    od.add_object(variable("Device type", 0x1000, access="const", **u32))
-    od.add_object(variable("Error register", 0x1001, access="ro"))
-    od.add_object(record("Identity", 0x1018, variable("Vendor", 0x1018, 1, access="const", **u32)))
-    od.add_object(variable("Left", 0x2000, kind=datatypes.BOOLEAN))
-    od.add_object(variable("Right", 0x2001, kind=datatypes.BOOLEAN))
-    od.add_object(variable("Level", 0x2002))
-    od.add_object(variable("Angle", 0x2003, kind=datatypes.INTEGER16, default=0xFFFB))
-    for base, cob_id in ((0x1400, 0x203), (0x1800, 0x40000183)):
-        od.add_object(
-            record(
-                f"communication {base:X}",
-                base,
-                variable("n", base, 0, default=2, mappable=False),
-                variable("COB-ID", base, 1, default=cob_id, **u32),
-                variable("type", base, 2, default=255, mappable=False),
-            )
-        )
-        mapping = (0x20000001, 0x20020008, 0x20010001, 0x20030010)
-        members = [variable(f"m{i}", base + 0x200, i + 1, default=m, **u32) for i, m in enumerate(mapping)]
-        count = variable("n", base + 0x200, 0, default=4, mappable=False)
-        od.add_object(record(f"mapping {base:X}", base + 0x200, count, *members))
-    return od
+    return build_od(read_text(ODD.read_text(), name=ODD.name), 3)
 
 
 def test_first_step_boots_and_says_when_to_call_again():
