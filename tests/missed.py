@@ -35,6 +35,9 @@ MISSED = {
         "1 % beyond; 0.5 % asked"
     ),
     f"{CONTACTS}test_full_counts_four_to_nine_touches_two_pitches_apart[cone]": "right in 78 %; 94 % asked",
+    f"{CONTACTS}test_full_counts_four_to_nine_touches_two_pitches_apart[radial]": (
+        "right in 89 %; 94 % asked; in 93 % of three draws"
+    ),
     "tests/hard/test_oracles.py::test_no_start_of_scipy_ends_lower[full-2-radial]": "6.780 for 6.761",
     "tests/fuzz/test_fuzz_trust.py::"
     "test_boards_that_misbehave_make_no_wrong_contact_and_cost_healthy_ones_nothing": (

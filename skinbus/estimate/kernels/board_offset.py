@@ -5,7 +5,7 @@ with touched tactels, yet no certain press, the median is subtracted, and tactel
 are free. A press is certain where a tactel stands out of the median by the threshold and what stands out is
 together a contact, or where the median is more than any offset explains. On such a board and those side by
 side with it the median is not that of an offset alone: there, and where nothing is touched, the offset is an
-unknown of the search, ``offset_variance``.
+unknown of the search, ``offset_variance``, unless the median is beyond any.
 
 Failure modes: what presses all of a board alike by less than the threshold is an offset; an offset stays
 under a press and beside it.
@@ -43,7 +43,8 @@ def subtract_offsets(lay: Layout, w: Work) -> None:
         free = w.touched[patch] and not w.pressed[patch]
         for e in range(lay.edge_start[start[patch]], lay.edge_start[start[patch + 1]] if free else 0):
             free &= not w.pressed[lay.patch[lay.edge_to[e]]]
-        w.offset_variance[patch] = 0.0 if free else (USUAL * lay.threshold[start[patch]]) ** 2
+        usual = USUAL * lay.threshold[start[patch]]
+        w.offset_variance[patch] = 0.0 if free or abs(w.offset[patch]) > MOST * usual else usual * usual
         for i in range(start[patch], start[patch + 1] if free else 0):
             if w.state[i] != NO_VALUE:
                 p[i] -= w.offset[patch]
