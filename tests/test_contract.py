@@ -27,6 +27,7 @@ ALLOWED = {
     "study": "can model objects config node estimate robot sim master planning",
     "skin": "can model objects config node estimate robot bus sim master planning",
     "view": "can model objects config robot skin",
+    "gateway": "can model objects config node",
 }
 FREE = {
     "cli",

@@ -216,6 +216,8 @@ class PatchTable(Mounted):
     angle_deg: Place | None = None
     a_mm: Place | None = None
     serial: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
+    address: Annotated[str, Field(max_length=20, pattern=r"^[0-9.]*$")] | None = None
+    """Of its readings among those of a skin that is not CANopen, see ``skinbus gateway``."""
 
 
 class RingTable(Mounted):

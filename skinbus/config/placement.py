@@ -29,6 +29,7 @@ class Mounting:
     eds: str
     settings: Mapping[str, Any]
     serial: int = 0
+    address: str | None = None
     bus: int = 0
     is_mirrored: bool = False
     point: tuple[float, ...] | None = None
@@ -90,6 +91,7 @@ def _patch(key: str, patch: PatchTable, number: int, link: LinkTable) -> Mountin
         eds=patch.eds,
         settings=patch.set,
         serial=patch.serial,
+        address=patch.address,
         is_mirrored=patch.mirrored,
         point=None if patch.xyz_mm is None else tuple(1e-3 * x for x in patch.xyz_mm),
         along=tuple(patch.along or (1.0, 0.0, 0.0)),

@@ -109,6 +109,7 @@ def _place(file: ArmFile, faults: FaultList) -> tuple[list[PlacedPatch], list[Ob
                     settings=settings,
                     serial=mounting.serial,
                     bus=mounting.bus,
+                    address=mounting.address,
                 )
             )
     return placed, ods

@@ -69,6 +69,8 @@ class PlacedPatch:
     """Serial number of the board that belongs here; 0 for any."""
     bus: int = 0
     """Number of the bus it is on, from 0."""
+    address: str | None = None
+    """Where its readings come from, if a gateway takes them from another skin."""
     on_chart: Floats | None = None
     """(n_tactels, 12) of its tactels on the chart of a mesh: s, a (m), scale, and ``model.bend``; None on
     other surfaces, to which boards are bent without stretching."""

@@ -1,0 +1,54 @@
+"""`skinbus gateway`: a skin that is not CANopen as patches on a CANopen bus."""
+
+from __future__ import annotations
+
+import click
+
+from skinbus.cli.formatting import counted
+from skinbus.cli.host import Host
+from skinbus.cli.options import seconds_option
+from skinbus.cli.output import echo
+from skinbus.config.system import load_arm, ods_of
+from skinbus.gateway.frame_format import format_names, load_format
+from skinbus.gateway.gateway import Gateway
+from skinbus.skin.addresses import find_place, shown
+
+
+@click.command(epilog=f"Formats that ship: {', '.join(format_names())}.")
+@click.argument("format_name", metavar="FORMAT")
+@click.argument("arm_name", metavar="ARM")
+@click.option("--from", "skin", required=True, help="Channel that the skin is on; no CANopen device may be.")
+@click.option("--to", "canopen", required=True, help="Channel of the CANopen bus.")
+@click.option(
+    "--interface", help="python-can interface of both: socketcan (default), udp_multicast, slcan, ..."
+)
+@seconds_option
+def command(
+    format_name: str,
+    arm_name: str,
+    skin: str,
+    canopen: str,
+    interface: str | None,
+    seconds: float | None,
+) -> None:
+    """Make patches of a skin whose frames are not CANopen, until Ctrl-C.
+
+    FORMAT describes its frames: a name or a TOML file. In the arm file, each patch that the skin reads has an
+    address, such as "2.5" for triangle 5 of board 2. For a master these patches are like any others.
+
+    \b
+    Examples:
+      skinbus gateway icub-mtb4 upper-arm.toml --from can1 --to can0
+      skinbus gateway my-skin.toml my-arm.toml --from can1 --to can0
+    """
+    found, arm = load_format(format_name), load_arm(arm_name)
+    gateway = Gateway(found, arm, ods_of(arm))
+    places = [find_place(interface, canopen, arm.bus.bitrate), find_place(interface, skin, found.bitrate)]
+    host = Host(
+        gateway, *(place.open for place in places), final_frames=gateway.stop_frames, names=["", "skin"]
+    )
+    n = counted(len(gateway.node_ids), "patch")
+    echo(f"{found.title}: {n} of {arm.name} from {shown(places[1:])} to {shown(places[:1])}; Ctrl-C stops")
+    with host:
+        host.wait(seconds)
+    echo(f"{counted(gateway.n_foreign, 'frame')} on {skin} were of no patch")

@@ -1,0 +1,1 @@
+"""Skins that are not CANopen: their frames become the readings of CANopen patches."""

@@ -1,0 +1,321 @@
+"""The frames of a skin that is not CANopen, as a file says them: identifiers, fields, readings, commands.
+
+Patterns are written in bits, most significant first. ``0`` and ``1`` are fixed; the bits of one letter are a
+number. Eleven bits are an identifier. Each byte of data is eight bits or two hexadecimal digits.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from skinbus.config.parameters import read
+from skinbus.config.toml_file import find_toml, names_in, read_toml
+from skinbus.errors import ArgumentError, ConfigError, Fault, FaultList
+from skinbus.model.patch import MAX_TACTELS
+
+FORMATS: Final = Path(__file__).parent / "formats"
+"""The formats that travel with the package."""
+
+ID_BITS: Final = 11
+MAX_CLASSIC: Final = 8
+"""Bytes of a classic frame."""
+
+Type = Literal["u1", "i1", "<u2", ">u2", "<i2", ">i2"]
+"""Of a number in data, as in numpy: kind and bytes, ``>`` with the most significant byte first."""
+Letter = Annotated[str, Field(pattern="^[a-z]$")]
+Byte = Annotated[int, Field(ge=0, le=7)]
+Tactels = Annotated[list[Annotated[int, Field(ge=-1, lt=MAX_TACTELS)]], Field(min_length=1, max_length=16)]
+"""Which tactel each number or bit is of; -1 for none."""
+IdPattern = Annotated[str, Field(pattern=f"^[01a-z]{{{ID_BITS}}}$")]
+DataPattern = Annotated[str, Field(pattern=r"^(([01a-z]{8}|[0-9A-F]{2})( |$)){0,8}$")]
+
+
+@dataclass(frozen=True)
+class Unhealthy:
+    """A number in data with a bit for each tactel that does not work.
+
+    Args:
+        byte: where it starts.
+        bits: the tactel of each bit, least significant first.
+        type: of the number.
+    """
+
+    byte: Byte
+    bits: Tactels
+    type: Type = "u1"
+
+
+@dataclass(frozen=True)
+class BoardFault:
+    """A bit in data that says that no reading of the patch is good."""
+
+    byte: Byte
+    bit: Byte
+    text: str
+
+
+@dataclass(frozen=True)
+class FrameTable:
+    """``[[frame]]``: a frame with readings.
+
+    Args:
+        id: pattern of the identifier.
+        tactels: the tactel of each reading, counted from the offset of the letters.
+        data: pattern of the first bytes; none by default.
+        byte: where the readings start.
+        type: of each.
+        unhealthy: tactels that do not work.
+        faults: bits that condemn all readings of the patch.
+    """
+
+    id: IdPattern
+    tactels: Tactels
+    data: DataPattern = ""
+    byte: Byte = 0
+    type: Type = "u1"
+    unhealthy: Unhealthy | None = None
+    faults: list[BoardFault] = field(default_factory=list)
+
+    @property
+    def length(self) -> int:
+        """Bytes of data that are read."""
+        ends = [self.byte + np.dtype(self.type).itemsize * len(self.tactels)]
+        if self.unhealthy:
+            ends.append(self.unhealthy.byte + np.dtype(self.unhealthy.type).itemsize)
+        return max([*ends, *(fault.byte + 1 for fault in self.faults)])
+
+
+@dataclass(frozen=True)
+class CommandTable:
+    """``[[start]]``, ``[[stop]]``, ``[[poll]]``: a frame to the boards; its letters are of the address."""
+
+    id: IdPattern
+    data: DataPattern = ""
+
+
+@dataclass(frozen=True)
+class FrameFormat:
+    """What the frames of a skin look like.
+
+    Args:
+        title: what skin it is.
+        source: where its frames are described.
+        bitrate: bit/s.
+        period_ms: how often a board sends all its readings.
+        n_tactels: of each patch.
+        zero: reading that makes 0 counts.
+        gain: counts by which one step of a reading counts; full scale is 32767.
+        frame: those with readings.
+        address: name of each letter that says which patch sends; an address is their numbers, with dots.
+        offset: by how many tactels one step of a letter shifts the readings of a frame.
+        start, stop: commands, in their order.
+        poll: commands that are repeated every period.
+    """
+
+    title: str
+    source: str
+    bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)]
+    period_ms: Annotated[float, Field(ge=1.0, le=1000.0)]
+    n_tactels: Annotated[int, Field(ge=1, le=MAX_TACTELS)]
+    zero: Annotated[float, Field(ge=-65536.0, le=65536.0)]
+    gain: Annotated[float, Field(ge=-32767.0, le=32767.0)]
+    frame: Annotated[list[FrameTable], Field(min_length=1, max_length=64)]
+    address: dict[Letter, str] = field(default_factory=dict)
+    offset: dict[Letter, Annotated[int, Field(ge=1, le=MAX_TACTELS)]] = field(default_factory=dict)
+    start: list[CommandTable] = field(default_factory=list)
+    stop: list[CommandTable] = field(default_factory=list)
+    poll: list[CommandTable] = field(default_factory=list)
+
+    def numbers(self, address: str) -> dict[str, int]:
+        """Return the number of each letter of an address.
+
+        Raises:
+            ArgumentError: it is none of this format.
+        """
+        parts = address.split(".") if self.address else []
+        if len(parts) != len(self.address) or not all(re.fullmatch("[0-9]{1,4}", part) for part in parts):
+            form = ".".join(self.address.values()) or "empty"
+            raise ArgumentError(f"address {address!r}: wanted {form}, in numbers")
+        numbers = dict(zip(self.address, map(int, parts), strict=True))
+        for letter, number in numbers.items():
+            width = max(_bits(table.id + table.data).count(letter) for table in self.frame)
+            if number >> width:
+                raise ArgumentError(
+                    f"address {address!r}: wanted a {self.address[letter]} up to {(1 << width) - 1}"
+                )
+        return numbers
+
+    def parts(self, address: str) -> list[Part]:
+        """Return what of the readings of a patch comes in which frame."""
+        numbers = self.numbers(address)
+        found = []
+        for table in self.frame:
+            bits = _bits(table.id + table.data)
+            letters = [letter for letter in self.offset if letter in bits]
+            for steps in product(*(range(1 << bits.count(letter)) for letter in letters)):
+                values = dict(zip(letters, steps, strict=True))
+                shift = sum(self.offset[letter] * step for letter, step in values.items())
+                to = np.array(table.tactels)
+                to[to >= 0] += shift
+                if to.max() < self.n_tactels and not _is_beyond(letters, values, self.offset):
+                    can_id, data = _fill(table, numbers | values)
+                    found.append(Part(can_id, data, to, table))
+        return found
+
+    def commands(self, tables: Sequence[CommandTable], addresses: Sequence[str]) -> list[tuple[int, bytes]]:
+        """Return identifiers and data of commands to the boards of some patches, each once."""
+        every = [_fill(table, self.numbers(address)) for table in tables for address in addresses]
+        return list(dict.fromkeys(every))
+
+    def counts(self, raw: npt.NDArray[Any]) -> npt.NDArray[np.int32]:
+        """Return the counts (n,) of readings (n,)."""
+        counts = np.clip(np.rint((raw - self.zero) * self.gain), -0x8000, 0x7FFF)
+        return counts.astype(np.int32)
+
+
+@dataclass(frozen=True)
+class Part:
+    """Readings of a patch that come in one frame.
+
+    Args:
+        can_id: identifier of the frame.
+        data: its first bytes.
+        to: (n,) the tactel of each reading; -1 for none.
+        table: where the readings are.
+    """
+
+    can_id: int
+    data: bytes
+    to: npt.NDArray[np.int64]
+    table: FrameTable
+
+    def readings(self, data: bytes) -> npt.NDArray[Any]:
+        """Return the readings (n,) in the data of the frame."""
+        table = self.table
+        return np.frombuffer(data, table.type, len(self.to), table.byte)
+
+    def unhealthy(self, data: bytes) -> npt.NDArray[np.int64]:
+        """Return the tactels (n,) that do not work, as the data of the frame says."""
+        where = self.table.unhealthy
+        if where is None:
+            return np.empty(0, np.int64)
+        number = int(np.frombuffer(data, where.type, 1, where.byte)[0])
+        bad = [tactel for bit, tactel in enumerate(where.bits) if tactel >= 0 and number >> bit & 1]
+        return np.array(bad, np.int64)
+
+    def fault(self, data: bytes) -> str:
+        """Return why no reading of the patch is good, as the data of the frame says; else nothing."""
+        return "; ".join(fault.text for fault in self.table.faults if data[fault.byte] >> fault.bit & 1)
+
+    def write(
+        self,
+        raw: npt.NDArray[Any],
+        unhealthy: Sequence[int] = (),
+        faults: Sequence[str] = (),
+        fill: int = 0,
+    ) -> tuple[int, bytes]:
+        """Return identifier and data of the frame that carries readings (n_tactels,), as a board sends it.
+
+        Args:
+            raw: the readings.
+            unhealthy: tactels that do not work.
+            faults: texts of the faults of the board.
+            fill: readings that are of no tactel.
+        """
+        table = self.table
+        data = bytearray(table.length)
+        data[: len(self.data)] = self.data
+        sent = np.where(self.to >= 0, raw[self.to], fill).astype(table.type).tobytes()
+        data[table.byte : table.byte + len(sent)] = sent
+        if (where := table.unhealthy) is not None:
+            number = sum(1 << bit for bit, tactel in enumerate(where.bits) if tactel in unhealthy)
+            mask = np.array(number).astype(where.type).tobytes()
+            data[where.byte : where.byte + len(mask)] = mask
+        for fault in table.faults:
+            data[fault.byte] |= (fault.text in faults) << fault.bit
+        return self.can_id, bytes(data)
+
+
+def format_names() -> list[str]:
+    """Return the names of the formats that travel with the package."""
+    return list(names_in(FORMATS))
+
+
+def load_format(name_or_path: str | Path) -> FrameFormat:
+    """Return the format of a TOML file, or one that travels with the package, by name.
+
+    Raises:
+        ConfigError: every fault of the file.
+    """
+    path = find_toml(name_or_path, FORMATS, "format")
+    faults = FaultList()
+    found = read(FrameFormat, read_toml(path), "format", faults)
+    if found is not None:
+        faults += _faults(found)
+    if found is None or faults:
+        raise ConfigError(str(name_or_path), faults)
+    return found
+
+
+def _faults(found: FrameFormat) -> list[Fault]:
+    """Return what fits no pattern or no frame."""
+    faults = []
+    address = set(found.address)
+    tables: dict[str, Sequence[FrameTable | CommandTable]] = {
+        "frame": found.frame,
+        "start": found.start,
+        "stop": found.stop,
+        "poll": found.poll,
+    }
+    for key, i, table in ((key, i, table) for key, each in tables.items() for i, table in enumerate(each, 1)):
+        used = set(re.findall("[a-z]", table.id + table.data))
+        known = address | set(found.offset) if key == "frame" else address
+        if used - known:
+            wanted = f"letters of {', '.join(sorted(known)) or 'none'}"
+            faults.append(Fault(f"{key} {i}", ", ".join(sorted(used - known)), wanted))
+        if isinstance(table, FrameTable):
+            if missing := ", ".join(sorted(address - used)):
+                faults.append(Fault(f"frame {i}", None, f"the letters {missing} of the address"))
+            if table.length > MAX_CLASSIC:
+                faults.append(Fault(f"frame {i}", table.length, f"readings within {MAX_CLASSIC} bytes"))
+    if not faults:
+        parts = found.parts(".".join("0" for _ in found.address))
+        sent = sorted(tactel for part in parts for tactel in part.to if tactel >= 0)
+        if sent != list(range(found.n_tactels)):
+            wanted = f"frames that carry each of {found.n_tactels} tactels once"
+            faults.append(Fault("frame", None, wanted))
+    return faults
+
+
+def _is_beyond(letters: Sequence[str], values: Mapping[str, int], offset: Mapping[str, int]) -> bool:
+    """Return whether a letter is so large that its tactels are those of a larger step."""
+    larger = {
+        letter: min((o for o in offset.values() if o > offset[letter]), default=0) for letter in letters
+    }
+    return any(larger[letter] and values[letter] * offset[letter] >= larger[letter] for letter in letters)
+
+
+def _bits(pattern: str) -> str:
+    """Return a pattern with its hexadecimal bytes in bits; the identifier's 11 come first."""
+    rest = re.sub(r"(?<![01a-z])([0-9A-F]{2})(?![01a-z])", lambda byte: f"{int(byte[1], 16):08b}", pattern)
+    return rest.replace(" ", "")
+
+
+def _fill(table: FrameTable | CommandTable, numbers: Mapping[str, int]) -> tuple[int, bytes]:
+    """Return identifier and first bytes of a frame whose letters have these numbers."""
+    bits = table.id + _bits(table.data)
+    for letter, number in numbers.items():
+        width = bits.count(letter)
+        places = iter(f"{number:0{width}b}")
+        bits = "".join(next(places) if bit == letter else bit for bit in bits)
+    data = bits[ID_BITS:]
+    return int(bits[:ID_BITS], 2), bytes(int(data[i : i + 8], 2) for i in range(0, len(data), 8))

@@ -1,0 +1,142 @@
+"""A core on two buses: the frames of a skin on one, its patches as CANopen devices on the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from canopen.objectdictionary import ObjectDictionary
+
+from skinbus.can.core import Core, Step
+from skinbus.can.event import Event, EventKind
+from skinbus.can.frame import Frame
+from skinbus.errors import ArgumentError
+from skinbus.gateway.frame_format import CommandTable, FrameFormat
+from skinbus.gateway.receiver import PATIENCE, Receiver
+from skinbus.model import Arm
+from skinbus.node import Device
+from skinbus.node.host import PatchHost
+from skinbus.node.storage import MemoryStorage
+
+CANOPEN: Final = 0
+SKIN: Final = 1
+"""Numbers of the buses."""
+
+START_AGAIN_NS: Final = 1_000_000_000
+"""How often boards that do not send are told to start: they may have been switched on later."""
+
+
+class Gateway(Core):
+    """The patches of an arm that another skin reads.
+
+    Args:
+        found: what the frames of the skin look like.
+        arm: the patches; those with an address are the skin's.
+        ods: (n_patches,) object dictionaries of all patches of the arm.
+
+    Raises:
+        ArgumentError: no patch has an address, one has an address that the format has not, two have the same,
+            or a board has another number of tactels than the format. All faults are listed.
+    """
+
+    def __init__(self, found: FrameFormat, arm: Arm, ods: Sequence[ObjectDictionary]) -> None:
+        self._format = found
+        mine = [k for k, placed in enumerate(arm.patches) if placed.address is not None]
+        self.addresses = [str(arm.patches[k].address) for k in mine]
+        self._check(arm, mine)
+        self._receiver = Receiver(found, self.addresses)
+        self.node_ids: list[int] = arm.node_id[mine].tolist()
+        devices = [
+            Device(ods[k], node_id, storage=MemoryStorage())
+            for k, node_id in zip(mine, self.node_ids, strict=True)
+        ]
+        self._host = PatchHost(devices, self._receiver.newest)
+        self._faults = [""] * len(mine)
+        self._start_ns = self._judge_ns = self._report_ns = -1
+
+    @property
+    def n_buses(self) -> int:
+        """CANopen first, then the skin."""
+        return 2
+
+    @property
+    def n_foreign(self) -> int:
+        """Frames on the bus of the skin that are of no patch."""
+        return self._receiver.n_foreign
+
+    @property
+    def cob_ids(self) -> frozenset[int]:
+        """Identifiers that the patches listen to."""
+        return self._host.cob_ids
+
+    def cob_ids_on(self, bus: int) -> frozenset[int] | None:
+        """Identifiers received on a bus."""
+        return self._receiver.can_ids if bus == SKIN else self._host.cob_ids
+
+    def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
+        """Have the EMCY messages among these frames sent again."""
+        self._host.not_sent(now_ns, [frame for frame in frames if frame.bus == CANOPEN])
+
+    def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> Step:
+        """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
+        for frame in frames:
+            if frame.bus == SKIN:
+                self._receiver.take(frame)
+        out: list[Frame] = []
+        events: list[Event] = []
+        if self._report_ns < 0:  # boards that are told to start have a while for it
+            self._report_ns = now_ns + PATIENCE * self._receiver.period_ns
+        if now_ns >= self._judge_ns:
+            self._judge_ns = now_ns + self._receiver.period_ns
+            self._judge(now_ns, out, events)
+        step = self._host.step(now_ns, [frame for frame in frames if frame.bus == CANOPEN])
+        return Step([*step.frames, *out], [*step.events, *events], min(step.wake_ns, self._judge_ns))
+
+    def stop_frames(self, now_ns: int) -> list[Frame]:
+        """Return the commands that end the skin's sending."""
+        return self._commands(now_ns, self._format.stop, self.addresses)
+
+    def _judge(self, now_ns: int, out: list[Frame], events: list[Event]) -> None:
+        """Poll, start boards that do not send, and report what has changed."""
+        self._receiver.newest(now_ns)
+        faults = self._receiver.faults
+        columns = (self.node_ids, self.addresses, self._faults, faults)
+        for node_id, address, before, fault in zip(*columns, strict=True):
+            if fault != before and now_ns >= self._report_ns:
+                kind = EventKind.READINGS_LOST if fault else EventKind.PATCH_BACK
+                detail = f"{address or 'the board'}: {fault or 'its readings are good again'}"
+                events.append(Event(t_ns=now_ns, kind=kind, node_id=node_id, detail=detail))
+        if now_ns >= self._report_ns:
+            self._faults = faults
+        if now_ns >= self._start_ns:
+            self._start_ns = now_ns + START_AGAIN_NS
+            pairs = list(zip(self.addresses, faults, strict=True))
+            running = self._commands(
+                now_ns, self._format.start, [address for address, fault in pairs if not fault]
+            )
+            silent = self._commands(
+                now_ns, self._format.start, [address for address, fault in pairs if fault]
+            )
+            # not to a board that sends: one triangle that is not connected must not restart its others
+            out += [frame for frame in silent if frame not in running]
+        out += self._commands(now_ns, self._format.poll, self.addresses)
+
+    def _commands(self, now_ns: int, tables: Sequence[CommandTable], addresses: Sequence[str]) -> list[Frame]:
+        every = self._format.commands(tables, addresses)
+        return [Frame(can_id, data, now_ns, bus=SKIN) for can_id, data in every]
+
+    def _check(self, arm: Arm, mine: Sequence[int]) -> None:
+        faults = [] if mine else ["no [[patch]] has an address"]
+        seen: dict[str, int] = {}
+        for k, address in zip(mine, self.addresses, strict=True):
+            placed = arm.patches[k]
+            try:
+                self._format.numbers(address)
+            except ArgumentError as error:
+                faults.append(f"node {placed.node_id}: {error}")
+            if (n := placed.patch.n_tactels) != self._format.n_tactels:
+                faults.append(f"node {placed.node_id}: {n} tactels; wanted {self._format.n_tactels}")
+            if (other := seen.setdefault(address, placed.node_id)) != placed.node_id:
+                faults.append(f"node {placed.node_id}: address {address!r} is that of node {other}")
+        if faults:
+            raise ArgumentError("; ".join(faults))
