@@ -38,6 +38,7 @@ class Receiver:
             for k, part in enumerate(patch.parts):
                 self._at.setdefault(part.can_id, []).append((patch, k, part))
         self._sample: Sample | None = None
+        self._healthy = np.zeros(found.n_tactels * len(addresses), np.bool_)
 
     @property
     def can_ids(self) -> frozenset[int]:
@@ -66,11 +67,11 @@ class Receiver:
                 self._sample = None
         if self._sample is None:
             patches = self._patches
-            self._sample = Sample(
-                np.concatenate([patch.counts for patch in patches]),
-                np.array([patch.t_ns for patch in patches]),
-                np.concatenate([patch.healthy & (not patch.fault) for patch in patches]),
-            )
+            healthy = np.concatenate([patch.healthy & (not patch.fault) for patch in patches])
+            if not np.array_equal(healthy, self._healthy):
+                self._healthy = healthy
+            counts = np.concatenate([patch.counts for patch in patches])
+            self._sample = Sample(counts, np.array([patch.t_ns for patch in patches]), self._healthy)
         return self._sample
 
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from skinbus.can.core import Core, Step
 from skinbus.can.frame import Frame
+from skinbus.model.patch import grid
 from skinbus.objects.new_board import NewBoard
 from skinbus.sim import load_scene
 from skinbus.sim.sampler import Sampler
@@ -58,7 +59,8 @@ class Double(Core):
 def write_scene(folder, addresses, columns, rows, *, bits=9, touches=""):
     """Write an arm, a board for each address side by side on a plate, and a scene on it; load the scene."""
     pitch_mm = 6.5
-    board = NewBoard(name="board.eds", rows=rows, columns=columns, pitch_mm=pitch_mm, bits=bits)
+    uv = 1e-3 * grid(columns, rows, pitch_mm)
+    board = NewBoard(name="board.eds", tactels_uv=uv, pitch=1e-3 * pitch_mm, bits=bits)
     (folder / "board.eds").write_text(board.text())
     width_mm = columns * pitch_mm + 1.5
     text = f"""[arm]

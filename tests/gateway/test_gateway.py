@@ -1,31 +1,38 @@
 """A skin that is not CANopen as patches of an arm: what it senses is published, what it loses is said."""
 
+import numpy as np
 import pytest
 
+from skinbus.can.event import EventKind
+from skinbus.can.frame import Frame
 from skinbus.can.virtual_buses import VirtualBuses
 from skinbus.config.system import ods_of
+from skinbus.errors import ArgumentError
 from skinbus.gateway.frame_format import load_format
 from skinbus.gateway.gateway import Gateway
 from skinbus.master import Master
 from tests.gateway.doubles import Double, write_scene
 
 MS = 1_000_000
-PRESS = """[[touch]]
+S_MM, A_MM, FORCE_N = 52.0, 1.0, 4.0
+PRESS = f"""[[touch]]
 link = "plate"
-s_mm = 52.0
-a_mm = 1.0
-force_n = 4.0
+s_mm = {S_MM}
+a_mm = {A_MM}
+force_n = {FORCE_N}
 start_s = 1.5
 end_s = 900.0
 """
+MTB4 = ("icub-mtb4", ["2.0", "2.1", "3.7"], 5, 2)
+XELA = ("xela-uskin", ["1", "2", "3"], 4, 4)
 
 
 class Rig:
     """A master, a gateway and the boards of a skin on two wires."""
 
-    def __init__(self, folder, name, addresses, columns, rows, touches=PRESS):
+    def __init__(self, folder, name, addresses, columns, rows):
         self.found = load_format(name)
-        self.scene = write_scene(folder, addresses, columns, rows, touches=touches)
+        self.scene = write_scene(folder, addresses, columns, rows, touches=PRESS)
         arm = self.scene.arm
         self.boards = Double(self.found, arm, self.scene)
         self.gateway = Gateway(self.found, arm, ods_of(arm))
@@ -43,15 +50,139 @@ class Rig:
         return self.reports[start[0] :], self.events[start[1] :], self.said[start[2] :]
 
 
-MTB4 = ("icub-mtb4", ["2.0", "2.1", "3.7"], 5, 2)
-XELA = ("xela-uskin", ["1", "2", "3"], 4, 4)
+def is_right(contacts):
+    """Whether there is one contact, where the press is."""
+    return (
+        len(contacts) == 1
+        and np.hypot(contacts.s[0] - 1e-3 * S_MM, contacts.a[0] - 1e-3 * A_MM) < 0.5e-3
+        and abs(contacts.force[0] - FORCE_N) < 0.15 * FORCE_N
+    )
 
 
 @pytest.mark.parametrize("skin", [MTB4, XELA], ids=["mtb4", "xela"])
 def test_a_touch_of_the_skin_is_a_contact_of_the_master(tmp_path, skin):
     rig = Rig(tmp_path, *skin)
-    rig.run(1400)
-    cycles, _, _ = rig.run(1000)
-    last = cycles[-1]
-    assert len(last.contacts) == 1
-    print(last.contacts, rig.said, rig.events)
+    rig.run(500)
+    cycles, events, said = rig.run(900)
+    assert not any(len(cycle.contacts) for cycle in cycles)
+    cycles, more, more_said = rig.run(1000)
+    # the force of the press rises for 100 ms
+    assert all(is_right(cycle.contacts) for cycle in cycles if cycle.contacts.t_ns > 1700 * MS)
+    assert not [*events, *more, *said, *more_said]
+    # no board that sends is told to start again
+    assert len(rig.boards.heard) == len(rig.found.commands(rig.found.start, skin[1]))
+
+
+def silent(frames):
+    return []
+
+
+def short(frames):
+    return [frame._replace(data=frame.data[:5]) for frame in frames]
+
+
+def one_part(frames):
+    return frames[:1]
+
+
+def not_connected(frames):
+    data = bytearray(frames[1].data)
+    data[7] |= 2
+    return [frames[0], frames[1]._replace(data=bytes(data))]
+
+
+def all_masked(frames):
+    data = bytearray(frames[1].data)
+    data[6:] = 0xFF, 0xF0
+    return [frames[0], frames[1]._replace(data=bytes(data))]
+
+
+def other_triangle(frames):
+    return [frame._replace(can_id=frame.can_id ^ 0x8) for frame in frames]
+
+
+@pytest.mark.parametrize("change", [silent, short, one_part, not_connected, all_masked, other_triangle])
+def test_a_triangle_that_fails_is_lost_within_three_periods_and_alone(tmp_path, change):
+    rig = Rig(tmp_path, *MTB4)
+    rig.run(2000)
+    rig.boards.changes["2.1"] = change  # the pressed one
+    _, events, said = rig.run(4 * 50)
+    assert [event.kind for event in said] == [EventKind.READINGS_LOST] * (change is not all_masked)
+    assert any(event.kind is EventKind.PATCH_EMCY and event.node_id == 2 for event in events)
+    cycles, events, _ = rig.run(400)
+    assert not any(len(cycle.contacts) for cycle in cycles)
+    assert not any(event.node_id in (1, 3) for event in events)
+    rig.boards.changes.clear()
+    rig.run(2000)
+    cycles, events, _ = rig.run(200)
+    assert all(is_right(cycle.contacts) for cycle in cycles)
+
+
+def test_two_boards_with_one_address_are_named(tmp_path):
+    rig = Rig(tmp_path, *MTB4)
+    rig.run(2000)
+    rig.boards.twice.add("2.1")
+    _, events, said = rig.run(4 * 50)
+    assert [(event.kind, event.node_id) for event in said] == [(EventKind.READINGS_LOST, 2)]
+    assert "two boards" in said[0].detail
+    assert any(event.kind is EventKind.PATCH_EMCY and event.node_id == 2 for event in events)
+
+
+def test_a_mask_that_sticks_leaves_the_other_tactels(tmp_path):
+    rig = Rig(tmp_path, *MTB4)
+
+    def masked(frames):
+        data = bytearray(frames[1].data)
+        data[7] |= 0x10  # t0
+        return [frames[0], frames[1]._replace(data=bytes(data))]
+
+    rig.boards.changes["2.1"] = masked
+    rig.run(2000)
+    cycles, _, said = rig.run(400)
+    assert all(is_right(cycle.contacts) for cycle in cycles)
+    assert not said
+
+
+def test_boards_that_restart_are_started_again(tmp_path):
+    rig = Rig(tmp_path, *MTB4)
+    rig.run(2000)
+    rig.boards.running.clear()
+    rig.boards.heard.clear()
+    rig.run(3000)
+    assert rig.boards.running == {"2.0", "2.1", "3.7"}
+    cycles, _, _ = rig.run(100)
+    assert all(is_right(cycle.contacts) for cycle in cycles)
+
+
+def test_frames_of_strangers_change_nothing(tmp_path):
+    rig = Rig(tmp_path, *MTB4)
+    rng = np.random.default_rng(1)
+    port = rig.wires.wires[1].attach(rig.boards)
+    rig.run(2000)
+    for _ in range(50):
+        frames = [Frame(int(rng.integers(0x500, 0x800)), rng.bytes(8)) for _ in range(5)]
+        rig.wires.wires[1].submit(port, rig.wires.clock.now_ns(), frames)
+        cycles, _, _ = rig.run(20)
+        assert all(is_right(cycle.contacts) for cycle in cycles)
+
+
+def test_the_skin_is_told_to_stop_at_the_end(tmp_path):
+    rig = Rig(tmp_path, *MTB4)
+    assert [(f.can_id, f.data, f.bus) for f in rig.gateway.stop_frames(5)] == [
+        (0x202, b"\x07\x01", 1),
+        (0x203, b"\x07\x01", 1),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("addresses", "columns", "message"),
+    [
+        (["2.0", "2.0"], 5, "address '2.0' is that of node 1"),
+        (["2.0", "2.16"], 5, "node 2: address '2.16': wanted a triangle up to 15"),
+        (["2.0"], 4, "node 1: 8 tactels; wanted 10"),
+    ],
+)
+def test_an_arm_that_does_not_fit_the_format_is_refused(tmp_path, addresses, columns, message):
+    arm = write_scene(tmp_path, addresses, columns, 2).arm
+    with pytest.raises(ArgumentError, match=message):
+        Gateway(load_format("icub-mtb4"), arm, ods_of(arm))
