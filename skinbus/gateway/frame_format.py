@@ -72,7 +72,6 @@ class FrameTable:
         tactels: the tactel of each reading, counted from the offset of the letters.
         data: pattern of the first bytes; none by default.
         byte: where the readings start.
-        type: of each.
         unhealthy: tactels that do not work.
         faults: bits that condemn all readings of the patch.
     """
@@ -81,17 +80,8 @@ class FrameTable:
     tactels: Tactels
     data: DataPattern = ""
     byte: Byte = 0
-    type: Type = "u1"
     unhealthy: Unhealthy | None = None
     faults: list[BoardFault] = field(default_factory=list)
-
-    @property
-    def length(self) -> int:
-        """Bytes of data that are read."""
-        ends = [self.byte + np.dtype(self.type).itemsize * len(self.tactels)]
-        if self.unhealthy:
-            ends.append(self.unhealthy.byte + np.dtype(self.unhealthy.type).itemsize)
-        return max([*ends, *(fault.byte + 1 for fault in self.faults)])
 
 
 @dataclass(frozen=True)
@@ -114,6 +104,7 @@ class FrameFormat:
         n_tactels: of each patch.
         zero: reading that makes 0 counts.
         gain: counts by which one step of a reading counts; full scale is 32767.
+        type: of a reading.
         frame: those with readings.
         address: name of each letter that says which patch sends; an address is their numbers, with dots.
         offset: by how many tactels one step of a letter shifts the readings of a frame.
@@ -129,6 +120,7 @@ class FrameFormat:
     zero: Annotated[float, Field(ge=-65536.0, le=65536.0)]
     gain: Annotated[float, Field(ge=-32767.0, le=32767.0)]
     frame: Annotated[list[FrameTable], Field(min_length=1, max_length=64)]
+    type: Type = "u1"
     address: dict[Letter, str] = field(default_factory=dict)
     offset: dict[Letter, Annotated[int, Field(ge=1, le=MAX_TACTELS)]] = field(default_factory=dict)
     start: list[CommandTable] = field(default_factory=list)
@@ -154,6 +146,13 @@ class FrameFormat:
                 )
         return numbers
 
+    def length(self, table: FrameTable) -> int:
+        """Return the bytes of a frame that are read."""
+        ends = [table.byte + np.dtype(self.type).itemsize * len(table.tactels)]
+        if table.unhealthy:
+            ends.append(table.unhealthy.byte + np.dtype(table.unhealthy.type).itemsize)
+        return max([*ends, *(fault.byte + 1 for fault in table.faults)])
+
     def parts(self, address: str) -> list[Part]:
         """Return what of the readings of a patch comes in which frame."""
         numbers = self.numbers(address)
@@ -168,7 +167,7 @@ class FrameFormat:
                 to[to >= 0] += shift
                 if to.max() < self.n_tactels and not _is_beyond(letters, values, self.offset):
                     can_id, data = _fill(table, numbers | values)
-                    found.append(Part(can_id, data, to, table))
+                    found.append(Part(can_id, data, self.length(table), to, table))
         return found
 
     def commands(self, tables: Sequence[CommandTable], addresses: Sequence[str]) -> list[tuple[int, bytes]]:
@@ -189,60 +188,28 @@ class Part:
     Args:
         can_id: identifier of the frame.
         data: its first bytes.
+        length: bytes that it has at least.
         to: (n,) the tactel of each reading; -1 for none.
         table: where the readings are.
     """
 
     can_id: int
     data: bytes
+    length: int
     to: npt.NDArray[np.int64]
     table: FrameTable
 
-    def readings(self, data: bytes) -> npt.NDArray[Any]:
-        """Return the readings (n,) in the data of the frame."""
-        table = self.table
-        return np.frombuffer(data, table.type, len(self.to), table.byte)
-
-    def unhealthy(self, data: bytes) -> npt.NDArray[np.int64]:
-        """Return the tactels (n,) that do not work, as the data of the frame says."""
+    def unhealthy(self, data: bytes) -> list[int]:
+        """Return the tactels that do not work, as the data of the frame says."""
         where = self.table.unhealthy
         if where is None:
-            return np.empty(0, np.int64)
+            return []
         number = int(np.frombuffer(data, where.type, 1, where.byte)[0])
-        bad = [tactel for bit, tactel in enumerate(where.bits) if tactel >= 0 and number >> bit & 1]
-        return np.array(bad, np.int64)
+        return [tactel for bit, tactel in enumerate(where.bits) if tactel >= 0 and number >> bit & 1]
 
-    def fault(self, data: bytes) -> str:
-        """Return why no reading of the patch is good, as the data of the frame says; else nothing."""
-        return "; ".join(fault.text for fault in self.table.faults if data[fault.byte] >> fault.bit & 1)
-
-    def write(
-        self,
-        raw: npt.NDArray[Any],
-        unhealthy: Sequence[int] = (),
-        faults: Sequence[str] = (),
-        fill: int = 0,
-    ) -> tuple[int, bytes]:
-        """Return identifier and data of the frame that carries readings (n_tactels,), as a board sends it.
-
-        Args:
-            raw: the readings.
-            unhealthy: tactels that do not work.
-            faults: texts of the faults of the board.
-            fill: readings that are of no tactel.
-        """
-        table = self.table
-        data = bytearray(table.length)
-        data[: len(self.data)] = self.data
-        sent = np.where(self.to >= 0, raw[self.to], fill).astype(table.type).tobytes()
-        data[table.byte : table.byte + len(sent)] = sent
-        if (where := table.unhealthy) is not None:
-            number = sum(1 << bit for bit, tactel in enumerate(where.bits) if tactel in unhealthy)
-            mask = np.array(number).astype(where.type).tobytes()
-            data[where.byte : where.byte + len(mask)] = mask
-        for fault in table.faults:
-            data[fault.byte] |= (fault.text in faults) << fault.bit
-        return self.can_id, bytes(data)
+    def faults(self, data: bytes) -> list[str]:
+        """Return why no reading of the patch is good, as the data of the frame says."""
+        return [fault.text for fault in self.table.faults if data[fault.byte] >> fault.bit & 1]
 
 
 def format_names() -> list[str]:
@@ -285,8 +252,8 @@ def _faults(found: FrameFormat) -> list[Fault]:
         if isinstance(table, FrameTable):
             if missing := ", ".join(sorted(address - used)):
                 faults.append(Fault(f"frame {i}", None, f"the letters {missing} of the address"))
-            if table.length > MAX_CLASSIC:
-                faults.append(Fault(f"frame {i}", table.length, f"readings within {MAX_CLASSIC} bytes"))
+            if (length := found.length(table)) > MAX_CLASSIC:
+                faults.append(Fault(f"frame {i}", length, f"readings within {MAX_CLASSIC} bytes"))
     if not faults:
         parts = found.parts(".".join("0" for _ in found.address))
         sent = sorted(tactel for part in parts for tactel in part.to if tactel >= 0)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from skinbus.can.frame import Frame
-from skinbus.gateway.frame_format import FrameFormat, Part
+from skinbus.gateway.frame_format import MAX_CLASSIC, FrameFormat, Part
 from skinbus.node.host import Sample
 
 PATIENCE: Final = 3
@@ -29,16 +31,21 @@ class Receiver:
     """
 
     def __init__(self, found: FrameFormat, addresses: Sequence[str]) -> None:
+        self._format = found
         self.period_ns = round(1e6 * found.period_ms)
         self.n_foreign = 0
         """Frames that are of no patch: another identifier, other first bytes, too short, remote."""
-        self._patches = [_Patch(found, found.parts(address)) for address in addresses]
+        self._raw = np.zeros((len(addresses), found.n_tactels))
+        self._patches = [
+            _Patch(found, found.parts(address), raw)
+            for address, raw in zip(addresses, self._raw, strict=True)
+        ]
         self._at: dict[int, list[tuple[_Patch, int, Part]]] = {}
         for patch in self._patches:
             for k, part in enumerate(patch.parts):
                 self._at.setdefault(part.can_id, []).append((patch, k, part))
         self._sample: Sample | None = None
-        self._healthy = np.zeros(found.n_tactels * len(addresses), np.bool_)
+        self._healthy = np.zeros(self._raw.size, np.bool_)
 
     @property
     def can_ids(self) -> frozenset[int]:
@@ -52,10 +59,11 @@ class Receiver:
 
     def take(self, frame: Frame) -> None:
         """Take a frame; what is none of ours is counted."""
-        if not frame.flags:
-            for patch, k, part in self._at.get(frame.can_id, ()):
-                if frame.data.startswith(part.data) and len(frame.data) >= part.table.length:
-                    if patch.take(k, frame.data, frame.t_ns, self.period_ns):
+        can_id, data, t_ns, flags, _ = frame
+        if not flags:
+            for patch, k, part in self._at.get(can_id, ()):
+                if data.startswith(part.data) and len(data) >= part.length:
+                    if patch.take(k, data, t_ns, self.period_ns):
                         self._sample = None
                     return
         self.n_foreign += 1
@@ -66,39 +74,40 @@ class Receiver:
             if patch.is_judged_anew(now_ns, self.period_ns):
                 self._sample = None
         if self._sample is None:
-            patches = self._patches
-            healthy = np.concatenate([patch.healthy & (not patch.fault) for patch in patches])
-            if not np.array_equal(healthy, self._healthy):
+            healthy = np.concatenate([patch.healthy & (not patch.fault) for patch in self._patches])
+            if not np.array_equal(healthy, self._healthy):  # an array that was returned before costs less
                 self._healthy = healthy
-            counts = np.concatenate([patch.counts for patch in patches])
-            self._sample = Sample(counts, np.array([patch.t_ns for patch in patches]), self._healthy)
+            t_ns = np.array([patch.t_ns for patch in self._patches])
+            self._sample = Sample(self._format.counts(self._raw.ravel()), t_ns, self._healthy)
         return self._sample
 
 
 class _Patch:
-    """What is received of one patch."""
+    """What is received of one patch; its newest complete readings go to ``raw`` (n_tactels,)."""
 
-    def __init__(self, found: FrameFormat, parts: Sequence[Part]) -> None:
+    def __init__(self, found: FrameFormat, parts: Sequence[Part], raw: npt.NDArray[np.float64]) -> None:
         self.parts = parts
-        self.counts = np.zeros(found.n_tactels, np.int32)
-        """(n_tactels,) of the newest complete sample."""
         self.t_ns = _NEVER_NS
         """When the first frame of that sample came, ns."""
-        self.healthy = np.zeros(found.n_tactels, np.bool_)
+        self.healthy = np.zeros(len(raw), np.bool_)
         self.fault = ""
         self._own_fault = ""
         """What the board says of itself."""
-        self._format = found
+        self._raw, self._type = raw, np.dtype(found.type)
+        size = self._type.itemsize
+        self._bytes = np.zeros((len(raw), size), np.int64)
+        """Where the readings are in the data of all parts, one after the other."""
+        for k, part in enumerate(parts):
+            begins = MAX_CLASSIC * k + part.table.byte + size * np.arange(len(part.to))
+            self._bytes[part.to[part.to >= 0]] = begins[part.to >= 0, None] + np.arange(size)
         self._data: dict[int, bytes] = {}
         """Parts of the next sample that have come."""
         self._first_ns = _NEVER_NS
-        self._heard_ns = np.full((len(parts), DOUBLED), _NEVER_NS)
+        self._heard_ns = [deque([_NEVER_NS] * DOUBLED, DOUBLED) for _ in parts]
 
     def take(self, k: int, data: bytes, t_ns: int, period_ns: int) -> bool:
         """Take the data of part k; return whether there is a new sample."""
-        heard_ns = self._heard_ns[k]
-        heard_ns[:-1] = heard_ns[1:]
-        heard_ns[-1] = t_ns
+        self._heard_ns[k].append(t_ns)
         if k in self._data or t_ns - self._first_ns > period_ns // 2:  # what is there is of another sample
             self._data.clear()
         if not self._data:
@@ -106,24 +115,23 @@ class _Patch:
         self._data[k] = data
         if len(self._data) < len(self.parts):
             return False
-        raw = np.zeros(len(self.counts))
+        every = [self._data[k] for k in range(len(self.parts))]
+        block = np.frombuffer(b"".join(data.ljust(MAX_CLASSIC, b"\0") for data in every), np.uint8)
+        self._raw[:] = block[self._bytes].view(self._type)[:, 0]
+        pairs = list(zip(self.parts, every, strict=True))
         self.healthy[:] = True
-        faults = []
-        for part, data in ((part, self._data[k]) for k, part in enumerate(self.parts)):
-            used = part.to >= 0
-            raw[part.to[used]] = part.readings(data)[used]
-            self.healthy[part.unhealthy(data)] = False
-            faults.append(part.fault(data))
-        self._own_fault = "; ".join(filter(None, faults))
-        self.counts, self.t_ns = self._format.counts(raw), self._first_ns
+        self.healthy[[tactel for part, data in pairs for tactel in part.unhealthy(data)]] = False
+        self._own_fault = "; ".join(fault for part, data in pairs for fault in part.faults(data))
+        self.t_ns = self._first_ns
         self._data.clear()
         return True
 
     def is_judged_anew(self, now_ns: int, period_ns: int) -> bool:
         """Find what is wrong with the patch; return whether that has changed."""
         before, self.fault = self.fault, self._own_fault
-        if now_ns - self.t_ns > PATIENCE * period_ns:
+        since_ns = now_ns - PATIENCE * period_ns
+        if self.t_ns < since_ns:
             self.fault = f"no complete readings for {PATIENCE} periods"
-        elif (self._heard_ns[:, 0] > now_ns - PATIENCE * period_ns).any():
+        elif any(heard_ns[0] > since_ns for heard_ns in self._heard_ns):
             self.fault = "two boards have this address, or it sends more often than the format says"
         return self.fault != before

@@ -9,6 +9,7 @@ from skinbus.can.frame import EXTENDED, RTR, Frame
 from skinbus.errors import ArgumentError, ConfigError
 from skinbus.gateway.frame_format import FORMATS, format_names, load_format
 from skinbus.gateway.receiver import Receiver
+from tests.gateway.doubles import frame_of
 
 # format, address, frames of one sample, raw reading of each tactel
 SAMPLES = [
@@ -78,7 +79,8 @@ def test_frames_are_read_as_their_source_says(name, address, frames, raw):
 
 @pytest.mark.parametrize(("name", "address", "frames", "raw"), SAMPLES)
 def test_a_double_of_a_board_sends_these_frames(name, address, frames, raw):
-    sent = [part.write(np.array(raw), fill=0xAA) for part in load_format(name).parts(address)]
+    found = load_format(name)
+    sent = [frame_of(found, part, raw, fill=0xAA) for part in found.parts(address)]
     assert [text(*each) for each in sent] == frames
 
 
@@ -90,10 +92,14 @@ def test_commands_are_those_of_the_source(name, kind, addresses, frames):
 
 def test_the_example_of_uspa44_reads_its_z():
     found = load_format("xela-uspa44")
-    part = next(part for part in found.parts("4") if part.can_id == 0x004)
-    z = part.readings(bytes.fromhex("937E317E1593120F"))
-    assert list(z) == [0x9312]
-    assert list(part.to) == [0]
+    receiver = Receiver(found, ["4"])
+    for part in found.parts("4"):
+        receiver.take(
+            Frame(*frame_of(found, part, np.zeros(16)))
+            if part.can_id != 0x004
+            else frame("004#937E317E1593120F")
+        )
+    np.testing.assert_array_equal(receiver.newest(0).counts, [0x9312 // 2, *[0] * 15])
 
 
 def test_pressure_lets_readings_of_mtb4_fall_and_counts_rise():
@@ -170,13 +176,13 @@ def test_silent_and_doubled_boards_are_not_healthy_within_three_periods():
 def test_what_a_double_sends_is_what_is_read(data):
     found = load_format(data.draw(st.sampled_from(format_names())))
     sent = list(found.parts(".".join("7" for _ in found.address)))
-    limit = 1 << 8 * np.dtype(found.frame[0].type).itemsize
+    limit = 1 << 8 * np.dtype(found.type).itemsize
     raw = np.array(
         data.draw(st.lists(st.integers(0, limit - 1), min_size=found.n_tactels, max_size=found.n_tactels))
     )
     receiver = Receiver(found, [".".join("7" for _ in found.address)])
     for part in data.draw(st.permutations(sent)):
-        receiver.take(Frame(*part.write(raw)))
+        receiver.take(Frame(*frame_of(found, part, raw)))
     np.testing.assert_array_equal(receiver.newest(0).counts, found.counts(raw))
 
 
