@@ -30,7 +30,11 @@ def double(tmp_path):
     def put(name, addresses, columns, rows, channel):
         scene = write_scene(tmp_path, addresses, columns, rows, touches=PRESS)
         core = Double(load_format(name), scene.arm, scene)
-        threads.append(threading.Thread(target=run_core, args=(core, lambda: SocketCanBus(channel)), kwargs={"stop": stop}))
+        threads.append(
+            threading.Thread(
+                target=run_core, args=(core, lambda: SocketCanBus(channel)), kwargs={"stop": stop}
+            )
+        )
         threads[-1].start()
         return str(tmp_path / "plate.toml")
 
@@ -44,7 +48,9 @@ def double(tmp_path):
     ("name", "addresses", "columns", "rows"),
     [("icub-mtb4", ["2.0", "2.1", "3.7"], 5, 2), ("xela-uskin", ["1", "2", "3"], 4, 4)],
 )
-def test_a_touch_of_such_a_skin_is_a_contact_on_the_bus(start, double, make_channel, name, addresses, columns, rows):
+def test_a_touch_of_such_a_skin_is_a_contact_on_the_bus(
+    start, double, make_channel, name, addresses, columns, rows
+):
     skin, canopen = make_channel(), make_channel()
     arm = double(name, addresses, columns, rows, skin)
     gateway = start("gateway", name, arm, "--from", skin, "--to", canopen)
