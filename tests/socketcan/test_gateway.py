@@ -1,4 +1,4 @@
-"""Boards of skins that are not CANopen on one interface, `gateway` and `run` beside them: contacts on another."""
+"""Boards of skins that are not CANopen on one interface, their contacts on another."""
 
 import threading
 
