@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -117,7 +117,9 @@ def _cover_link(arm: Arm, k: int, force: float, step: float) -> Coverage:
         i = np.flatnonzero(surface.distance(s, a, placed.s, placed.a) <= reach)
         rounding = patch.transducer.step * arm.tactel_gain[tactels]
         variance = arm.tactel_noise[tactels] ** 2 + rounding**2 / 12.0
-        d, p_felt, slopes = _response(arm, tactels, s[i], a[i], force, (1.0 / along[i], 1.0 / around[i]))
+        d = arm.distance(tactels, s[i], a[i]) / arm.tactel_width[tactels]
+        p_felt = patch.law.pressure(d, force)
+        slopes = _slopes(arm, tactels, s[i], a[i], force, (1.0 / along[i], 1.0 / around[i]))
         misfit = patch.law.misfit * p_felt
         if isinstance(patch.law, Radial) and (profile := patch.law.misfit_profile) is not None:
             at = np.arange(len(profile)) * patch.law.step
@@ -128,43 +130,36 @@ def _cover_link(arm: Arm, k: int, force: float, step: float) -> Coverage:
         n_felt[i] += (p_felt**2 * weight > 9.0).sum(axis=1)
         boards.append((i, d, patch.law, arm.tactel_threshold[tactels], variance))
     sd_place, sd_force = _bounds(information)
-    found = {
-        "board": board,
-        "area": surface.length * surface.width / s.size * stretch,
-        "least_force": _least_force(boards, s.size),
-        "sd_place": sd_place,
-        "sd_force": sd_force,
-        "holds": (n_felt >= FELT) & (sd_place <= SMALL),
-    }
-    pictures: dict[str, Any] = {name: column.reshape(shape) for name, column in found.items()}
     return Coverage(
         link=arm.links[k].name,
         step=(surface.length / shape[0], surface.width / shape[1]),
         s=grid[0],
         a=grid[1],
-        **pictures,
+        board=board.reshape(shape),
+        area=(surface.length * surface.width / s.size * stretch).reshape(shape),
+        least_force=_least_force(boards, s.size).reshape(shape),
+        sd_place=sd_place.reshape(shape),
+        sd_force=sd_force.reshape(shape),
+        holds=((n_felt >= FELT) & (sd_place <= SMALL)).reshape(shape),
     )
 
 
-def _response(
+def _slopes(
     arm: Arm, tactels: Ints, s: Floats, a: Floats, force: float, metric: tuple[Floats, Floats]
-) -> tuple[Floats, Floats, Floats]:
-    """Return distances over widths (m), pressures (Pa) and their derivatives by place and force.
+) -> Floats:
+    """Return the derivatives of pressures by place and force, (n_points, n_tactels, 3).
 
-    (n_points, n_tactels), derivatives (n_points, n_tactels, 3); ``metric`` is the chart's over the skin's.
+    ``metric`` is the chart's over the skin's.
     """
-    law, h = arm.patches[arm.tactel_patch[tactels[0]]].patch.law, DIFFERENCE
+    law = arm.patches[arm.tactel_patch[tactels[0]]].patch.law
 
-    def distance(ds: Floats | float = 0.0, da: Floats | float = 0.0) -> Floats:
-        return arm.distance(tactels, s + ds, a + da) / arm.tactel_width[tactels]
+    def felt(along: float, around: float, share: float) -> Floats:
+        d = arm.distance(tactels, s + along * metric[0], a + around * metric[1])
+        return np.asarray(law.pressure(d / arm.tactel_width[tactels], force * (1.0 + share)))
 
-    d, ds, da = distance(), h * metric[0], h * metric[1]
-    differences = (
-        law.pressure(distance(ds), force) - law.pressure(distance(-ds), force),
-        law.pressure(distance(0.0, da), force) - law.pressure(distance(0.0, -da), force),
-        (law.pressure(d, force * (1.0 + h)) - law.pressure(d, force * (1.0 - h))) / force,
-    )
-    return d, law.pressure(d, force), np.stack(differences, -1) / (2.0 * h)
+    steps = DIFFERENCE * np.eye(3)
+    differences = np.stack([felt(*step) - felt(*-step) for step in steps], -1)
+    return np.asarray(differences / (2.0 * DIFFERENCE * np.array([1.0, 1.0, force])))
 
 
 def _bounds(information: Floats) -> tuple[Floats, Floats]:
