@@ -21,8 +21,8 @@ from skinbus.objects.eds_file import EdsFile, read_text
 from skinbus.objects.new_board import NewBoard
 from skinbus.objects.profile import TACTEL_COUNT, current, look_up
 from skinbus.objects.readings import DEADLINE
-from skinbus.planning.schedule import SECOND, Message, Release, cycle_times, frame_ns, load
-from skinbus.planning.traffic import Beside, Traffic, node_id_of, traffic
+from skinbus.planning.schedule import SECOND, ErrorModel, Message, Release, cycle_times, frame_ns, load
+from skinbus.planning.traffic import ASSUMED, BIT_ERROR_RATE, ERROR_BURST, Traffic, node_id_of, traffic
 
 _FD_BOARDS: Final = 'eds = "skin-patch-fd", or `skinbus board new --canfd`'
 _HIGHEST_HZ: Final = 2000.0
@@ -62,8 +62,6 @@ class Plan:
     """Longest time of a patch from the end of the SYNC to its readings in the send queue."""
     wait_ns: int = 0
     """Time after the last reading until those of other buses are in too."""
-    beside: Beside
-    """What may happen beside the cycle, at most."""
 
     @property
     def compute_ns(self) -> int:
@@ -73,7 +71,7 @@ class Plan:
     @cached_property
     def traffic(self) -> Traffic:
         """All messages."""
-        return traffic(self.ods, rate_hz=self.rate_hz, data_bitrate=self.data_bitrate, beside=self.beside)
+        return traffic(self.ods, rate_hz=self.rate_hz, data_bitrate=self.data_bitrate)
 
     @cached_property
     def rows(self) -> tuple[PlanRow, ...]:
@@ -83,7 +81,7 @@ class Plan:
             self.bitrate,
             response_ns=self.response_ns,
             compute_ns=self.wait_ns + self.compute_ns,
-            errors=self.beside.errors(self.bitrate),
+            errors=ErrorModel(BIT_ERROR_RATE * self.bitrate, ERROR_BURST),  # of a bus that is always busy
         )
         return tuple(PlanRow(m, times[m.cob_id]) for m in self.traffic.messages)
 
@@ -230,7 +228,7 @@ class Plan:
         return {
             **{name: getattr(self, name) for name in _WRITTEN},
             "patches": len(self.ods),
-            "assumed": self.beside.text,
+            "assumed": ASSUMED,
             "levels": {fit.level: {name: getattr(fit, name) for name in _OF_LEVEL} for fit in self.levels},
             "messages": [
                 asdict(m) | {"release": m.release.value, "worst_ns": worst_ns} for m, worst_ns in self.rows
@@ -238,22 +236,7 @@ class Plan:
         }
 
 
-def plans(arm: Arm, computes_ns: Mapping[str, int], **settings: Any) -> list[Plan]:
-    """Return the plans of all buses of an arm; ``settings`` are those of :func:`plan`.
-
-    Contacts are computed when the last reading of all buses is in.
-    """
-    if len(arm.buses) == 1:
-        return [plan(arm, computes_ns, **settings)]
-    alone = [plan(arm.part(k), computes_ns, **settings) for k in range(len(arm.buses))]
-    last_ns = max(own.readings_ns or 0 for own in alone)
-    return [
-        replace(own, arm=f"{arm.name}, bus {bus.name}", wait_ns=last_ns - (own.readings_ns or 0))
-        for own, bus in zip(alone, arm.buses, strict=True)
-    ]
-
-
-def plan(
+def plans(
     arm: Arm,
     computes_ns: Mapping[str, int],
     *,
@@ -261,30 +244,29 @@ def plan(
     bitrate: int | None = None,
     rate_hz: float | None = None,
     response_ns: int = 0,
-    beside: Beside | None = None,
-) -> Plan:
-    """Return the plan of an arm with one bus.
+) -> list[Plan]:
+    """Return the plans of all buses of an arm; contacts are computed when the last reading of all is in.
 
     computes_ns:  compute time of a cycle by level; ``level`` is the one the verdict is about.
     bitrate:      bit/s, and ``rate_hz`` the SYNC rate: those of the arm file unless given.
     response_ns:  longest time of a patch from the end of the SYNC to its readings in the send queue.
     """
-    if level not in computes_ns:
-        raise ValueError(f"level is {level!r}; compute times are known of {', '.join(computes_ns)}")
-    rate_hz = rate_hz or arm.bus.rate_hz
-    if not 0.0 < rate_hz <= _HIGHEST_HZ:
-        raise ValueError(f"rate_hz is {rate_hz}; wanted above 0 and at most {_HIGHEST_HZ}")
-    return Plan(
-        arm=arm.name,
-        ods=tuple(ods_of(arm)),
-        bitrate=bitrate or arm.bus.bitrate,
-        data_bitrate=arm.bus.data_bitrate,
-        rate_hz=rate_hz,
-        level=level,
-        computes_ns=computes_ns,
-        response_ns=response_ns,
-        beside=beside or Beside(),
-    )
+    several = len(arm.buses) > 1
+    alone = [
+        Plan(
+            arm=f"{arm.name}, bus {bus.name}" if several else arm.name,
+            ods=tuple(ods_of(arm.part(k) if several else arm)),
+            bitrate=bitrate or bus.bitrate,
+            data_bitrate=bus.data_bitrate,
+            rate_hz=rate_hz or arm.bus.rate_hz,
+            level=level,
+            computes_ns=computes_ns,
+            response_ns=response_ns,
+        )
+        for k, bus in enumerate(arm.buses)
+    ]
+    last_ns = max(own.readings_ns or 0 for own in alone)
+    return [replace(own, wait_ns=last_ns - (own.readings_ns or 0)) for own in alone]
 
 
 @cache

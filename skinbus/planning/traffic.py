@@ -16,7 +16,7 @@ from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import PdoMap, tpdos
 from skinbus.objects.profile import MASTER_NODE_ID, number_at
-from skinbus.planning.schedule import SECOND, ErrorModel, Message, Release
+from skinbus.planning.schedule import SECOND, Message, Release
 
 MASTER_EDS: Final = "skin-master"
 
@@ -24,34 +24,20 @@ SDO_PATIENCE_NS: Final = 100_000_000
 """An SDO frame may take this long: a third of a common time-out, the canopen package's 0.3 s."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Beside:
-    """What happens beside the cycle, at most; the analysis holds as long as this does."""
-
-    contacts: int = 16
-    """Contacts published in one cycle: all that the master has objects for."""
-    emergencies: int = 1
-    """EMCY messages within a second: faults come one at a time."""
-    sdo_hz: float = 100.0
-    """SDO requests, each with its response: a tool that reads records as fast as people can read them."""
-    bit_error_rate: float = 2.6e-7
-    """Share of bits that are hit: measured on CAN two metres from a welding machine; 3e-9 in a factory, 3e-11
-    in a laboratory. Source: Ferreira et al., An experiment to assess bit error rate in CAN, 2004."""
-    error_burst: int = 1
-    """Errors that may come together at any time, beyond that rate."""
-
-    def errors(self, bitrate: int) -> ErrorModel:
-        """Return the errors on a bus of this bit rate, were it always busy."""
-        return ErrorModel(self.bit_error_rate * bitrate, self.error_burst)
-
-    @property
-    def text(self) -> str:
-        """What is assumed, in a line."""
-        return (
-            f"{self.contacts} contacts, {self.emergencies} EMCY and {self.sdo_hz:g} SDO requests a second, "
-            f"heartbeats by the EDS files, bit error rate {self.bit_error_rate:g}, "
-            f"{self.error_burst} more to repeat at any time"
-        )
+CONTACTS: Final = 16
+"""Contacts published in one cycle: all that the master has objects for."""
+SDO_HZ: Final = 100
+"""SDO requests, each with its response: a tool that reads records as fast as people can read them."""
+BIT_ERROR_RATE: Final = 2.6e-7
+"""Share of bits that are hit: measured on CAN two metres from a welding machine; 3e-9 in a factory, 3e-11
+in a laboratory. Source: Ferreira et al., An experiment to assess bit error rate in CAN, 2004."""
+ERROR_BURST: Final = 1
+"""Errors that may come together at any time, beyond that rate."""
+ASSUMED: Final = (
+    f"{CONTACTS} contacts, 1 EMCY and {SDO_HZ} SDO requests a second, heartbeats by the EDS files, "
+    f"bit error rate {BIT_ERROR_RATE:g}, {ERROR_BURST} more to repeat at any time"
+)
+"""What happens beside the cycle, at most; the analysis holds as long as this does."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,13 +54,12 @@ def traffic(
     *,
     rate_hz: float,
     data_bitrate: int | None = None,
-    beside: Beside | None = None,
+    contacts: int = CONTACTS,
 ) -> Traffic:
     """Return the traffic of patches with these dictionaries (their node-IDs resolved) and of their master.
 
     ``data_bitrate`` is that of the data phase of CAN FD, for PDOs of more than 8 bytes.
     """
-    beside = beside or Beside()
     period, master = round(SECOND / rate_hz), _master()
     first = min(map(node_id_of, ods))
 
@@ -84,12 +69,10 @@ def traffic(
     messages = [
         other("NMT", cia.NMT_COMMAND_ID, 2, SECOND),
         other("SYNC", cia.SYNC_ID, 1, period, release=Release.SYNC),
-        *(other(f"EMCY {k + 1}", cia.EMCY_BASE + first + k, 8, SECOND) for k in range(beside.emergencies)),
+        other("EMCY 1", cia.EMCY_BASE + first, 8, SECOND),
     ]
-    if beside.sdo_hz > 0.0:
-        every = round(SECOND / beside.sdo_hz)
-        for name, base in (("SDO response", cia.SDO_SERVER_BASE), ("SDO request", cia.SDO_CLIENT_BASE)):
-            messages.append(other(name, base + first, 8, every, deadline_ns=SDO_PATIENCE_NS))
+    for name, base in (("SDO response", cia.SDO_SERVER_BASE), ("SDO request", cia.SDO_CLIENT_BASE)):
+        messages.append(other(name, base + first, 8, SECOND // SDO_HZ, deadline_ns=SDO_PATIENCE_NS))
     for od in [*ods, master]:
         if heartbeat_ms := number_at(od, cia.HEARTBEAT_PRODUCER):
             node_id = node_id_of(od)
@@ -108,7 +91,7 @@ def traffic(
                 unpaced += [] if pdo.inhibit_100us else [name]
             release = Release.READING if is_cyclic else Release.SPORADIC
             messages.append(_message(name, pdo, every, release, data_bitrate))
-    published = [pdo for pdo in tpdos(master) if pdo.valid][: 1 + beside.contacts]
+    published = [pdo for pdo in tpdos(master) if pdo.valid][: 1 + contacts]
     for k, pdo in enumerate(published):
         name = f"contact {pdo.number - 1}" if k else "summary"
         messages.append(_message(name, pdo, period, Release.PUBLISHED))

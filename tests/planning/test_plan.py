@@ -11,12 +11,18 @@ from skinbus.config.system import load_arm, ods_of
 from skinbus.master import Master
 from skinbus.model import grid
 from skinbus.objects.new_board import NewBoard
-from skinbus.planning.plan import plan, plans
+from skinbus.planning.plan import plans
 from skinbus.planning.schedule import Release, cycle_times
 from skinbus.planning.traffic import traffic
 from skinbus.sim import World, load_scene
 
 COMPUTES = {"kmeans": 400_000, "fit": 500_000}
+
+
+def plan(*args, **settings):
+    """The plan of an arm with one bus."""
+    (one,) = plans(*args, **settings)
+    return one
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from skinbus.planning.schedule import (
     cycle_times,
     response_times,
 )
-from skinbus.planning.traffic import Beside, traffic
+from skinbus.planning.traffic import traffic
 
 MS = 1_000_000
 
@@ -73,8 +73,7 @@ def longest(can_id, length):
 def test_wire_in_the_critical_instant_stays_below_the_bound_and_near_it(name):
     arm = load_arm(name)
     rate, bitrate = arm.bus.rate_hz, arm.bus.bitrate
-    beside = Beside(contacts=0, emergencies=1, sdo_hz=100.0)
-    messages = traffic(ods_of(arm), rate_hz=rate, beside=beside).messages
+    messages = traffic(ods_of(arm), rate_hz=rate, contacts=0).messages
     bounds = cycle_times(messages, bitrate)
 
     # One bit before the SYNC a long frame of low priority has begun; NMT and EMCY come along with the SYNC.

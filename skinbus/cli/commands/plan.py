@@ -59,7 +59,6 @@ def command(
     """
     from skinbus.config.system import load_arm
     from skinbus.planning.plan import plans
-    from skinbus.planning.traffic import Beside
     from skinbus.robot.chain import check_robot
 
     loaded = load_arm(arm, check_load=False)
@@ -72,7 +71,6 @@ def command(
         bitrate=bitrate,
         rate_hz=rate,
         response_ns=round(1000 * response_us),
-        beside=Beside(),
     )
     for result in results:
         _show(result, console)
@@ -87,10 +85,10 @@ def _time_levels(arm: Arm, console: Console) -> dict[str, int]:
     """Return the 99th percentile of a cycle's compute time by level, ns, measured here."""
     import numpy as np
 
-    from skinbus.planning.traffic import Beside
+    from skinbus.planning.traffic import CONTACTS
     from skinbus.study.instant import time_cycles
 
-    n = min(Beside().contacts, arm.n_patches)
+    n = min(CONTACTS, arm.n_patches)
     console.print("timing the levels on this machine ...")
     with compiling(console):
         return {
@@ -104,6 +102,8 @@ def _time_levels(arm: Arm, console: Console) -> dict[str, int]:
 
 def _show(plan: Plan, console: Console) -> None:
     """Print the plan as text."""
+    from skinbus.planning.traffic import ASSUMED
+
     speed = f"{plan.bitrate / 1e6:g} Mbit/s"
     if plan.data_bitrate:
         speed += f", CAN FD at {plan.data_bitrate / 1e6:g} Mbit/s"
@@ -120,7 +120,7 @@ def _show(plan: Plan, console: Console) -> None:
             f"{'fits' if fit.holds else 'does not fit'}; up to {fit.largest_hz:g} Hz"
             for fit in plan.levels
         },
-        "assumed": plan.beside.text,
+        "assumed": ASSUMED,
     }
     for name, text in facts.items():
         console.print(f"{name:40} {text}", soft_wrap=True)
