@@ -31,6 +31,8 @@ FLAGS = 0b11111
 """Bits of a quality that are about the fit."""
 PER_SKIN = 100
 """Cases after which another board is made and calibrated."""
+DOUBTS = (("box", "crosstalk"), ("box", "half-space"), ("finger", "half-space"))
+"""Skins whose physics the estimator does not have."""
 COLUMNS = ("right %", "mm", "force %", "NEES", "over 6 sd %", "flagged %", "evaluated", "us", "p99 us")
 
 
@@ -113,6 +115,7 @@ def families():
         *(("finger", draw) for draw in ("one 5-20 N", "one 2 N", "two 15 mm")),
         *(("tip", "one 5-20 N"), ("finger, thumb", "one 2-20 N"), ("finger, tip", "one 2-20 N")),
         *((skin, "one 2-20 N") for skin in ("box", "box thumb", "box tip")),
+        *((f"{skin} {doubt}", "one 2-20 N") for skin, doubt in DOUBTS),
         *(("box forearm", draw) for draw in ("seam", "two on seam")),
         *((skin, "two 15-25 mm") for skin in ("pad", "finger", "box")),
     ]
