@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -53,8 +54,13 @@ def compiling(console: Console) -> Iterator[None]:
         if console.is_terminal:
             console.print(".", end="")
 
-    with Ending() as ending, on_compile(say):
-        yield
+    log = logging.getLogger("skinbus.kernels")  # it says the same to programs
+    log.disabled = True
+    try:
+        with Ending() as ending, on_compile(say):
+            yield
+    finally:
+        log.disabled = False
     if ending.asked:
         raise KeyboardInterrupt
     if begin:

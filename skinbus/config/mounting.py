@@ -1,7 +1,8 @@
 """Do boards fit where they are placed: overhang over a link's ends, overlap of two of them.
 
-Boards are rectangles bent without stretching, so on the developed surface they stay rectangles, and
-overlap is decided there by separating axes (a convex pair is apart if one of their sides separates it).
+Boards are bent without stretching, so on the developed surface they keep their shapes. Overlap is decided
+there by separating axes: a convex pair is apart if a line separates it. A board is the hull of its tactels
+with their margin to its sides: a rectangle if they are a grid; triangles may stand between triangles.
 """
 
 from __future__ import annotations
@@ -17,12 +18,21 @@ from skinbus.model.surface import Surface
 Floats = npt.NDArray[np.float64]
 
 _POINTS_PER_SIDE = 33  # half a step of 50 mm / 32 on a radius of 50 mm: 6 um
+_STEPS = np.arange(0.0, math.pi / 2.0, math.pi / 128.0)
+"""Directions of lines that may separate, from a side of a board: others are met to 1.2 % of a length."""
 _SIGNS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], np.float64)
 
 
 def corners(placed: PlacedPatch) -> Floats:
     """Return the corners of a board on the surface developed about its own centre, (4, 2) m."""
     return placed.developed(0.5 * placed.scale * _SIGNS * np.array(placed.patch.size))
+
+
+def _outline(placed: PlacedPatch) -> Floats:
+    """Return points whose convex hull is a board, the first two along one side, (n, 2) m as corners are."""
+    uv, half = np.asarray(placed.patch.tactels_uv), 0.5 * np.array(placed.patch.size)
+    margin = np.maximum(half - np.abs(uv).max(0), 1e-6)
+    return placed.developed(placed.scale * (uv[:, None] + _SIGNS * margin).reshape(-1, 2))
 
 
 def _rim(placed: PlacedPatch) -> Floats:
@@ -46,16 +56,15 @@ def outside(surface: Surface, placed: PlacedPatch) -> float:
 
 def overlap(surface: Surface, first: PlacedPatch, second: PlacedPatch) -> float:
     """Return how deep two boards on one link overlap, m; negative is the width of the gap at least."""
-    one = corners(first)
-    x, y = corners(second).T
+    one = _outline(first)
+    x, y = _outline(second).T
     s, a = surface.undevelop(x, y, second.a)
     x, y = surface.develop(s, a, first.a)
     if surface.period and float(np.ptp(y)) > 0.5 * surface.period:
         return -math.inf  # the second board lies on the far side, where the development is cut
     two = np.stack([x, y], -1)
-    depth = math.inf
-    for side in (one[1] - one[0], one[2] - one[1], two[1] - two[0], two[2] - two[1]):
-        normal = side / np.hypot(*side)
-        a, b = one @ normal, two @ normal
-        depth = min(depth, float(min(a.max(), b.max()) - max(a.min(), b.min())))
-    return depth
+    sides = one[1] - one[0], two[1] - two[0]
+    angles = np.concatenate([np.arctan2(side[1], side[0]) + _STEPS for side in sides])
+    normals = np.concatenate([[np.cos(angles), np.sin(angles)], [-np.sin(angles), np.cos(angles)]], axis=1)
+    a, b = one @ normals, two @ normals
+    return float((np.minimum(a.max(0), b.max(0)) - np.maximum(a.min(0), b.min(0))).min())

@@ -38,6 +38,7 @@ Channel = str | Mapping[str, str] | Sequence[str] | None
 """Channels: of one bus, from the names of several, or as words of the command line."""
 
 LOG = logging.getLogger("skinbus")
+KERNELS = logging.getLogger("skinbus.kernels")
 
 
 def open(
@@ -98,7 +99,7 @@ def refuse_other_master(bus: Bus, place: BusAddress, patience_s: float) -> None:
 
 @cache
 def _say_why() -> None:
-    LOG.warning("compiling kernels, once: 10 s, for fit 25 s; `skinbus doctor warm` does it ahead")
+    KERNELS.warning("compiling kernels, once: 10 s, for fit 25 s; `skinbus doctor warm` does it ahead")
 
 
 def saying_why() -> AbstractContextManager[None]:

@@ -53,3 +53,9 @@ def test_of_a_storm_some_lines_are_shown_and_the_rest_is_counted():
     shown = [line for line in lines if "more" not in line]
     counts = [int(re.search(r"(\d+) times? more", line)[1]) for line in lines if "more" in line]
     assert len(shown) + sum(counts) == 100
+
+
+def test_at_the_end_everything_is_said():
+    log = Log()
+    log.take("patch-lost", 7)
+    assert log.said(after=0.0, all_of_it=True) == ["patch-lost: node 7"]

@@ -59,6 +59,24 @@ def test_boards_side_by_side_touch(surface):
     assert overlap(surface, place(0.1, 0.0), place(0.151, 0.0)) == pytest.approx(-1e-3, abs=1e-12)
 
 
+def test_triangles_may_stand_between_triangles():
+    corners = 0.01 * np.array([(-1.0, -1.0), (1.0, -1.0), (0.0, 1.0)])
+    board = Patch(tactels_uv=corners, size=(0.022, 0.022))  # 1 mm around its tactels
+    surface = Surface.plane(0.3, 0.3)
+
+    def depth(apart):
+        first, second = (
+            PlacedPatch(patch=board, node_id=1, link=0, s=s, a=0.0, yaw=yaw)
+            for s, yaw in ((0.1, 0.0), (0.1 + apart, math.pi))
+        )
+        return overlap(surface, first, second)
+
+    # their slanted sides, of slope 2, meet at 10 mm without the margins
+    gap = (2.0 * (0.014 - 0.010) - 2.0 * (2.0 + 1.0) * 1e-3) / math.sqrt(5.0)
+    assert depth(0.014) == pytest.approx(-gap, abs=0.3e-3)
+    assert depth(0.009) > 1e-3
+
+
 def test_overlap_is_seen_across_the_wrap():
     tube = SURFACES[1]
     half = 0.5 * tube.period

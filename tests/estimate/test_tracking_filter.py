@@ -1,7 +1,6 @@
 """The filter and the assignment of tracks against textbook and SciPy, invariances, and long runs."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -11,20 +10,17 @@ from tests.estimate.track_rig import ARM, PERIOD_NS, SURFACES, Film, contacts
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-@pytest.mark.parametrize("age_ms", [0, 45])
-def test_filter_is_the_textbook_filter(age_ms):
+def test_filter_is_the_textbook_filter():
     """Of place, velocity and force on a plane, where s, a and force are independent."""
     rng = np.random.default_rng(4)
     film, H = Film(), np.zeros((3, 5))
     H[0, 0] = H[1, 1] = H[2, 4] = 1.0
-    H[0, 2] = H[1, 3] = -1e-3 * age_ms
     x, P = np.zeros(5), np.zeros((5, 5))
     for n in range(200):
         dt_ns = int(rng.integers(1_000_000, 40_000_000))
         R = np.diag([1e-3, 2e-3, 0.3]) ** 2
         z = np.array([0.2, 0.0, 5.0]) + 0.5 * rng.normal(size=3) * [1e-3, 2e-3, 0.3]
-        tracks = film.show((1, *z), after_ns=dt_ns, age_ns=1_000_000 * age_ms, covariance=[R])
-        assert tracks.t_ns - tracks.seen_ns == 1_000_000 * age_ms
+        tracks = film.show((1, *z), after_ns=dt_ns, covariance=[R])
         if n == 0:
             x[[0, 1, 4]], P[:] = z, np.diag([R[0, 0], R[1, 1], 0.7**2, 0.7**2, R[2, 2]])
         else:
@@ -63,6 +59,20 @@ def play(rng_seed, n_cycles=30, order=None, shift=0.0, t0=0):
 def test_order_of_contacts_changes_no_bit(seed, order):
     for a, b in zip(play(seed), play(seed, order=order), strict=True):
         assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+@given(SEEDS, st.floats(0.0, 1.0))
+def test_shift_around_the_cylinder_shifts_the_tracks(seed, turn):
+    surface = SURFACES[0]
+    shift = turn * surface.period
+    for a, b in zip(play(seed), play(seed, shift=shift), strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a[:4], b[:4], strict=True))
+        moved = a[4].copy()
+        moved[:, 1] += shift
+        error = b[4] - moved
+        error[:, 1] = surface.wrap(error[:, 1])
+        assert np.abs(error).max(initial=0.0) < 1e-9
+        assert np.allclose(a[5], b[5], rtol=1e-6, atol=0.0)
 
 
 def test_covariance_stays_positive_definite_for_long():

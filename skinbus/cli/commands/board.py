@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from pathlib import Path
@@ -21,10 +22,11 @@ from skinbus.cli.options import BusWords, Range, bus_options, file_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_columns
 from skinbus.cli.progress import progress
-from skinbus.config.positions import lay_flat
+from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError, EdsError, Fault
 from skinbus.file_bytes import read_bytes
 from skinbus.firmware import write_project
+from skinbus.gateway.positions import lay_flat
 from skinbus.master.commissioning.patch_check import (
     MS,
     N_SYNCS,
@@ -174,6 +176,46 @@ def new(
 def _dcf_of(module: str, board: NewBoard) -> str:
     text, _ = decode_text(read_bytes(find_eds(module), MAX_BYTES, EdsError))
     return module_dcf(text, board, name=module)
+
+
+@command.command("import")
+@click.argument("positions", type=click.Path(path_type=Path))
+@click.option("--mesh", help="Mesh of the link, in its frame, to lay the boards on; by default a fit.")
+@click.option("--first-board", default=1, show_default=True, help="Address of the first board in the file.")
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(path_type=Path),
+    callback=output.folder,
+    help="Folder for the files.",
+)
+def import_skin(positions: Path, mesh: str | None, first_board: int, out: Path) -> None:
+    """Write an arm file and EDS files from POSITIONS, the tactels of a link in the format of the iCub.
+
+    Each triangle is a patch of `skinbus gateway icub-mtb4`. The link gets the plane or the cylinder that is
+    nearest to its tactels; how far they are off it is printed. Never tried on a robot.
+
+    Status 0: the arm can be used. 2: it has faults, which are listed; the files are there to be mended.
+
+    \b
+    Example:
+      skinbus board import left_arm_mesh.txt --first-board 1 --out left-arm
+    """
+    from skinbus.gateway import icub
+
+    skin = icub.read_positions(positions)
+    files, fit = icub.import_skin(
+        skin, first_board=first_board, mesh=os.path.relpath(mesh, out) if mesh else None
+    )
+    for name in files:
+        output.try_to_write(out / name)
+    for name, text in files.items():
+        (out / name).write_text(text, encoding="utf-8")
+    arm = load_arm(out / next(iter(files)), check_load=False)
+    rms, most = 1e3 * fit.rms, 1e3 * np.abs(fit.off).max()
+    size = f"radius {1e3 * fit.surface.radius:.1f} mm" if fit.surface.period else "flat"
+    echo(f"{out}: {counted(arm.n_patches, 'patch')}, {counted(int(skin.healthy.sum()), 'tactel')}")
+    echo(f"nearest {fit.surface.kind}, {size}: tactels are {rms:.1f} mm off it (RMS), {most:.1f} mm at most")
 
 
 @command.command("lint")

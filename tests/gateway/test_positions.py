@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skinbus.config.positions import lay_flat
+from skinbus.gateway.positions import lay_flat
 from skinbus.model import Surface, grid
 
 UV = grid(5, 5, 7e-3)
