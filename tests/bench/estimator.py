@@ -1,30 +1,24 @@
-"""How good and how fast the estimator is by family of touches, this tree beside another one.
-
-    python -m tests.bench.estimator                              100 cases of each family
-    python -m tests.bench.estimator -n 200 --beside ../old       the same readings by another tree, in turns
+"""How good and how fast the estimator is by family of touches: ``python -m tests.bench.estimator``.
 
 A family is a skin and a draw of touches. Errors are those of the cases with the right count; "over 6 sd" is
 the share of contacts further off than six standard deviations without a flag; time is that of the thread.
 """
 
-from __future__ import annotations
-
 import argparse
-import os
-import pickle
 import re
-import subprocess
-import sys
 import time
 import zlib
 from functools import partial
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from skinbus.estimate import Estimator
+from skinbus.model import Arm
+from skinbus.model.patch import grid
+from tests import skins
+from tests.skins import reached
 
 LEVELS = ("fit", "full")
 FLAGS = 0b11111
@@ -36,34 +30,8 @@ DOUBTS = (("box", "crosstalk"), ("box", "half-space"), ("finger", "half-space"))
 COLUMNS = ("right %", "mm", "force %", "NEES", "over 6 sd %", "flagged %", "evaluated", "us", "p99 us")
 
 
-def answer(arm, readings):
-    """Return for each level and reading: s, a, force, covariance, quality, pressures evaluated, us."""
-    estimator, found = Estimator(arm, "full"), {level: [] for level in LEVELS}
-    for n, pressures in enumerate(readings):
-        for level in LEVELS:
-            start = time.thread_time_ns()
-            c = estimator.update(pressures, 20_000_000 * n, level=level)
-            us = 1e-3 * (time.thread_time_ns() - start)
-            found[level].append((c.s, c.a, c.force, c.covariance, c.quality, estimator.n_evaluated, us))
-    return found
-
-
-def serve():
-    """Answer the cases on standard input with the estimator of this tree."""
-    while True:
-        try:
-            case = pickle.load(sys.stdin.buffer)
-        except EOFError:
-            return
-        pickle.dump(answer(*case), sys.stdout.buffer)
-        sys.stdout.buffer.flush()
-
-
 def families():
     """Return skin and draw by the name of a family."""
-    from skinbus.model import Arm
-    from skinbus.model.patch import grid
-    from tests import skins
 
     def apart(low, high, least, force, arm, rng):
         """Touches anywhere on the tactels of an arm, ``least`` m from each other."""
@@ -132,8 +100,6 @@ def families():
 
 def cases(name, skin_of, draw, n):
     """Yield arm, touches and readings of a family, board by board."""
-    from tests.skins import reached
-
     for chunk in range(-(-n // PER_SKIN)):
         rng = np.random.default_rng([777, chunk, zlib.crc32(name.encode())])
         skin = skin_of(rng)
@@ -175,43 +141,29 @@ def figures(found):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-n", type=int, default=100, help="cases of each family")
-    parser.add_argument("--beside", type=Path, help="another tree of the project")
     parser.add_argument("--only", default="", help="regular expression of the families")
-    parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
-    if args.serve:
-        serve()
-        return
-    workers = [
-        subprocess.Popen(
-            [sys.executable, __file__, "--serve"],
-            env={**os.environ, "PYTHONPATH": str(tree.resolve())},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-        )
-        for tree in ([Path(__file__).parents[2]] + ([args.beside] if args.beside else []))
-    ]
     print("| family | level |", " | ".join(COLUMNS), "|\n|" + "---|" * (len(COLUMNS) + 2))
     for name, (skin_of, draw) in families().items():
         if not re.search(args.only, name):
             continue
-        found = [{level: [] for level in LEVELS} for _ in workers]
-        for arm, touches, readings in cases(name, skin_of, draw, args.n):
-            for worker, own in zip(workers, found, strict=True):
-                pickle.dump((arm, readings), worker.stdin)
-                worker.stdin.flush()
-                for level, answers in pickle.load(worker.stdout).items():
-                    for t, (*columns, evaluated, us) in zip(touches, answers, strict=True):
-                        rows = errors(arm.links[0].surface, t, *columns)
-                        own[level].append((rows, len(columns[0]) == len(t), evaluated, us))
+        found = {level: [] for level in LEVELS}
+        for arm, drawn, readings in cases(name, skin_of, draw, args.n):
+            estimator = Estimator(arm, "full")
+            for k, (touches, pressures) in enumerate(zip(drawn, readings, strict=True)):
+                for level in LEVELS:
+                    start = time.thread_time_ns()
+                    c = estimator.update(pressures, 20_000_000 * k, level=level)
+                    us = 1e-3 * (time.thread_time_ns() - start)
+                    rows = errors(arm.links[0].surface, touches, c.s, c.a, c.force, c.covariance, c.quality)
+                    found[level].append((rows, len(c) == len(touches), estimator.n_evaluated, us))
         for level in LEVELS:
-            cells = [
-                " / ".join(f"{x:.3g}" for x in pair)
-                for pair in zip(*(figures(own[level]) for own in found), strict=True)
-            ]
-            print(f"| {name} | {level} |", " | ".join(cells), "|", flush=True)
-    for worker in workers:
-        worker.stdin.close()
+            print(
+                f"| {name} | {level} |",
+                " | ".join(f"{x:.3g}" for x in figures(found[level])),
+                "|",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

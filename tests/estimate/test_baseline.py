@@ -98,7 +98,9 @@ def test_start_below_the_zero_band_makes_no_zero_and_no_pressure_of_true_zeros_a
     assert np.abs(skin.baseline.zeros).max() < 200.0
 
 
-@pytest.mark.parametrize("moved", [slice(0, 16), slice(0, 48), slice(3, 4)])
+@pytest.mark.parametrize(
+    "moved", [slice(0, 16), *(pytest.param(slice(*of), marks=pytest.mark.slow) for of in ((0, 48), (3, 4)))]
+)
 def test_what_drift_explains_is_released_after_a_long_touch(skin, moved):
     """0.3 % of full scale in 80 s, of a board, of all boards, of one tactel: more than the release."""
     skin.read(seconds=5)
@@ -139,6 +141,7 @@ def test_zero_that_cannot_be_observed_grows_uncertain_and_is_sure_again_after_it
     assert skin.baseline.zero_sd.max() < 10.0
 
 
+@pytest.mark.slow
 def test_noise_of_the_first_readings_after_a_long_touch_is_not_in_the_zeros(skin):
     skin.read(seconds=60)
     off = []
@@ -153,6 +156,7 @@ def test_noise_of_the_first_readings_after_a_long_touch_is_not_in_the_zeros(skin
     assert off < 150.0
 
 
+@pytest.mark.slow
 def test_zero_that_drifts_out_of_its_band_takes_its_tactel_out(skin):
     skin.read(seconds=2)
     for n in range(700):
@@ -173,6 +177,7 @@ def test_who_knows_that_nothing_touches_can_zero(skin):
     assert np.abs(skin.baseline.zeros - 5000.0).max() < 5 * 40.0
 
 
+@pytest.mark.slow
 def test_contact_held_for_an_hour_keeps_its_force():
     skin = Skin()
     estimator = Estimator(ARM)
@@ -214,7 +219,7 @@ def test_noise_is_measured_and_carries_the_threshold(skin):
     assert np.median(skin.baseline.threshold) == pytest.approx(12 * SIGMA, rel=0.05)
 
 
-@pytest.mark.parametrize("has_started", [True, False])
+@pytest.mark.parametrize("has_started", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_patch_that_falls_silent_while_touched_holds_up_its_neighbour_for_a_time_only(skin, has_started):
     touch, without_0 = np.where(ARM.tactel_patch == 0, 20e3, 0.0), np.array([False, True, True])
     drifted = np.where(ARM.tactel_patch == 1, 300.0, 0.0)

@@ -87,19 +87,6 @@ def test_full_scale_is_still_full_scale_with_a_zero_taken_off():
     assert contacts.force[0] == pytest.approx(60.0, rel=0.1)
 
 
-@pytest.mark.slow
-def test_without_a_baseline_the_declared_values_hold_again():
-    skin = Skin("fit")
-    touch = skin.press(5.0)
-    alone = Estimator(skin.arm, "fit").update(touch, 0)
-    for n in range(6000):
-        skin.read(sigma=SIGMA * (1.0 + min(n / 1500, 2.0)))
-    told = skin.read(touch, sigma=0.0)
-    again = skin.estimator.update(touch, 0)
-    assert told.covariance[0, 0, 0] > 4.0 * alone.covariance[0, 0, 0]
-    assert np.array_equal(again.covariance, alone.covariance)
-
-
 def test_baseline_of_another_arm_is_refused():
     with pytest.raises(ValueError, match="other tactels"):
         Estimator(PAD).update(np.zeros(16), 0, baseline=Baseline(cone_forearm()))

@@ -141,26 +141,6 @@ def test_no_number_of_freezes_hides_the_next(length, pause):
         assert skin.faulty == []
 
 
-@pytest.mark.parametrize("number", range(4))
-def test_four_tactels_in_a_row_that_repeat_in_every_second_cycle_are_missing_then(number):
-    """As those of one TPDO that is sent twice; of four anywhere it might be chance."""
-
-    def slow(raw, now, rng):
-        if now % 2:
-            raw[four] = kept[0]
-        kept[0] = raw[four].copy()
-
-    four = slice(BOARD.start + 4 * number, BOARD.start + 4 * number + 4)
-    kept = [np.zeros(4)]
-    skin = Skin(25 + number)
-    skin.read(cycles=100)
-    skin.mend = slow
-    for cycle in range(200):
-        missing = np.isnan(skin.read(PRESS)[four])
-        assert missing.all() == (cycle > 0 and cycle % 2 == 1)
-    assert skin.faulty == []
-
-
 @pytest.mark.parametrize("ramp", [np.linspace(0.1, 1.0, 6), np.linspace(1.0, 0.1, 6)], ids=["rises", "ends"])
 def test_tactel_that_stops_in_a_touch_is_missing_at_its_fourth_repetition(ramp):
     n_used = []

@@ -8,7 +8,6 @@ from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.errors import LocalProtocolError, SdoAborted
 from skinbus.node import SdoClient
-from tests.node.node_table import Bench
 
 TRANSFERS = (Path(__file__).parent / "sdo_transfers.txt").read_text().split("\n# ")[1:]
 
@@ -71,16 +70,3 @@ def test_one_transfer_at_a_time():
     client.cancel()
     client.start_read(0x1001, 0)
     assert client.step(0)[0].data[1:4] == b"\x01\x10\x00"
-
-
-@pytest.mark.parametrize("size", [1, 4, 5, 7, 8, 13, 14, 15, 200])
-def test_client_and_server_of_ours_carry_any_length(size):
-    bench = Bench("master")
-    client = SdoClient(bench.node_id)
-    data = bytes(i % 256 for i in range(size))
-    frames: list[Frame] = []
-    for start in (lambda: client.start_write(0x1F22, 7, data), lambda: client.start_read(0x1F22, 7)):
-        start()
-        while client.busy:
-            frames = list(bench.device.step(0, client.step(0, frames)).frames)
-    assert client.result.unwrap() == data

@@ -1,7 +1,5 @@
 """A simulated skin: the same cycles every time, as fast as they are asked for, or in real time."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -44,17 +42,6 @@ def test_a_contact_has_all_that_the_master_found(scene):
     assert readings.pressures.shape == (16,)
     assert readings.pressures.max() > 10e3
     assert not readings.faults.any()
-
-
-@pytest.mark.slow
-def test_the_same_scene_gives_the_same_cycles_however_they_are_taken(scene):
-    with skinbus.simulate(scene) as iterated:
-        one = [cycle.records.tobytes() for cycle in iterated]
-    with skinbus.simulate(Path(scene)) as asked:
-        cycles = [asked.latest() for _ in one]
-        assert [cycle.records.tobytes() for cycle in cycles] == one
-        assert asked.latest() is cycles[-1]
-        assert list(asked) == []
 
 
 def test_at_level_kmeans_no_covariance_is_claimed(scene):

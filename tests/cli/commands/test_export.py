@@ -92,6 +92,7 @@ def test_parquet_holds_every_reading_of_every_cycle(field, here):
         assert np.ptp(taken[5:]) < 0.2 * np.ptp(raw)
 
 
+@pytest.mark.slow
 def test_an_arm_of_two_buses_has_a_dbc_for_each_and_all_its_readings(both, here):
     log, arm = both
     exported(log, "--arm", arm, "-c", "left=can0", "-c", "right=can1", "--out", "x.parquet")
@@ -101,6 +102,7 @@ def test_an_arm_of_two_buses_has_a_dbc_for_each_and_all_its_readings(both, here)
         check_readings(rows, decoded_by_cantools(arm, log, channel, f"-{bus}"))
 
 
+@pytest.mark.slow
 def test_parquet_has_the_contacts_of_replay(field, here):
     exported(field, "--arm", "pad", "--out", "x.parquet")
     table = pq.read_table("x.contacts.parquet").to_pylist()
@@ -190,6 +192,7 @@ def test_what_is_wrong_is_refused_and_nothing_is_written_over(field, here, args,
     assert {path.name for path in here.iterdir()} == {"link.mcap", "empty.log"}
 
 
+@pytest.mark.slow
 def test_a_log_of_another_arm_leaves_what_was_there(field, here):
     exported(field, "--arm", "pad", "--out", "x.mcap")
     before = Path("x.mcap").read_bytes()

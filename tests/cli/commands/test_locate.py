@@ -59,6 +59,7 @@ def test_outliers_are_named_by_their_lines(case, tmp_path):
     assert result.exit_code == 0
 
 
+@pytest.mark.slow
 def test_boards_at_each_others_places_are_not_moved_and_both_are_named(case, tmp_path):
     path, planned, _, presses = case
     swapped = [replace(press, patch={4: 13, 13: 4}.get(press.patch, press.patch)) for press in presses]

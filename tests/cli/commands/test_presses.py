@@ -76,6 +76,7 @@ def test_a_line_names_the_bus_where_an_arm_has_several(tmp_path):
     assert row[:5] == ["lower", "1", "30", "0", ""]
 
 
+@pytest.mark.slow
 def test_every_fault_of_a_log_of_poses_is_said_at_once(field):
     folder, _ = field
     (folder / "bad.csv").write_text("t_s,s_mm,a_mm\n0,1,2\n0.1,x,2\n0.2,1\n")

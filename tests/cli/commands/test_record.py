@@ -95,7 +95,7 @@ def test_a_recording_without_a_name_has_that_of_its_time_and_one_of_nothing_is_n
     assert list(tmp_path.iterdir()) == [log]
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL])
 def test_a_recording_that_is_stopped_or_killed_has_whole_lines_only(skinbus, group, tmp_path, number):
     log = tmp_path / "field.log"
     with Speaker([Frame(k, bytes(8)) for k in range(50)], "udp_multicast", group):

@@ -46,6 +46,7 @@ def test_contacts_of_every_cycle_are_those_that_were_published(field, tmp_path):
     assert {int(row["t_ns"]) for row in rows} <= {t_ns // 1000 * 1000 for t_ns in syncs}
 
 
+@pytest.mark.slow
 def test_the_same_log_gives_the_same_bytes(field, tmp_path):
     outputs = []
     for name in ("a", "b"):
@@ -75,6 +76,7 @@ def test_garbage_is_counted_and_changes_nothing(field, tmp_path):
     assert dropped == f"the recorder had no room for {2 * n} frames"
 
 
+@pytest.mark.slow
 def test_of_two_interfaces_one_is_chosen_by_option_or_arm_file_or_asked_for(field, tmp_path):
     frames = frames_in(field)
     lines = []
@@ -118,6 +120,7 @@ def test_readings_without_sync_are_no_cycles_and_it_is_said(field, tmp_path):
     assert "no SYNC is in it" in result.output
 
 
+@pytest.mark.slow
 def test_patches_that_sent_nothing_are_named_and_another_arm_is_a_no(field, tmp_path):
     some = replay(field, "--arm", "forearm")
     assert some.exit_code == 0

@@ -49,7 +49,8 @@ def test_no_corruption_of_large_boards_is_accepted_with_an_error(k):
     assert outcome([SEED, 2, k], CORRUPTIONS[k]).verdict != "WRONG"
 
 
-@pytest.mark.parametrize("k", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
+@pytest.mark.slow
+@pytest.mark.parametrize("k", range(3))
 def test_good_presses_are_accepted_and_the_error_to_expect_is_the_true_one(k):
     judgement, error = outcome([SEED, 3, k], small=True)
     assert not judgement.faults, judgement.faults
@@ -115,6 +116,7 @@ def test_the_error_to_expect_is_that_of_the_law_with_its_map():
     assert 0.7 * true < judgement.place_error < 1.4 * true
 
 
+@pytest.mark.slow
 def test_readings_whose_zeros_were_not_taken_off_are_refused_with_how_large_they_are(boards):
     table, rng = boards.table, np.random.default_rng([SEED, 8])
     zero = rng.uniform(3e3, 6e3, table.arm.n_tactels)

@@ -17,7 +17,9 @@ def rms(column):
     return math.sqrt(np.mean(np.square(column)))
 
 
-@pytest.mark.parametrize("surface", ["plane", "cylinder", "cone"])
+@pytest.mark.parametrize(
+    "surface", ["cone", *(pytest.param(s, marks=pytest.mark.slow) for s in ("plane", "cylinder"))]
+)
 def test_twenty_boards_off_by_3_mm_and_3_deg_are_found_by_six_presses_each(tmp_path, surface):
     planned, true, presses = made(tmp_path, surface, SEED)
     print(f"seed {SEED}")
@@ -55,6 +57,7 @@ def test_outliers_are_found_by_number_and_do_no_harm(tmp_path):
     assert rms(np.hypot(*errors(true, found)[:, :2].T)) < 0.3e-3
 
 
+@pytest.mark.slow
 def test_places_worse_than_said_widen_the_covariance(tmp_path):
     planned, true, presses = made(tmp_path, "plane", SEED + 2, sd=1.0e-3)
     found = locate(planned, presses, place_sd=0.3e-3)

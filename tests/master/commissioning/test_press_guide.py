@@ -21,6 +21,7 @@ def test_what_it_asked_for_calibrates_the_board_and_begun_again_it_asks_for_more
     assert "[31/50]" in Bench(presses=bench.guide.presses).lines[-1]
 
 
+@pytest.mark.slow
 def test_wrong_presses_are_named_and_asked_for_again():
     bench = Bench(SEED + 1)
     first = bench.lines[-1]

@@ -29,6 +29,7 @@ def test_a_board_that_was_replaced_is_named_in_event_and_health():
     assert max(own["samples"]) < 7
 
 
+@pytest.mark.slow
 def test_two_boards_with_one_node_id_are_asked_more_and_more_rarely():
     bench = Bench(patch(1, serial=11), Late(patch(1, serial=12)))
     bench.wire.attach(Master(load_arm("pad"), level="kmeans"))

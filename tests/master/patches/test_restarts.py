@@ -35,6 +35,7 @@ class Stopped(Wrapped):
         return step._replace(frames=[f for f in out if f.can_id != cia.SDO_SERVER_BASE + 1])
 
 
+@pytest.mark.slow
 def test_a_patch_that_stays_stopped_is_reset_more_and_more_rarely():
     bench = Bench(Stopped(patch(1)))
     bench.wire.attach(Master(load_arm("pad")))

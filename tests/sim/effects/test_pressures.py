@@ -181,12 +181,6 @@ def test_density_is_one_over_f_over_two_decades_and_at_one_hertz_the_parameter(a
     assert np.sqrt((s * f)[near].mean()) == pytest.approx(50.0, rel=0.06)
 
 
-def test_scene_that_begins_anew_does_not_freeze_it(apply):
-    times = np.concatenate([np.arange(0, 40.0, 0.5), np.arange(0, 40.0, 0.5)])
-    out = apply(Flicker(), 0.0, times)
-    assert np.ptp(out[85:], axis=0).min() > 0.0
-
-
 # --- burst: spikes that neighbours and successive samples share.
 
 
