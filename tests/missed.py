@@ -39,12 +39,6 @@ MISSED = {
         "right in 89 %; 94 % asked; in 93 % of three draws"
     ),
     "tests/hard/test_oracles.py::test_no_start_of_scipy_ends_lower[full-2-radial]": "6.780 for 6.761",
-    "tests/fuzz/test_fuzz_trust.py::"
-    "test_boards_that_misbehave_make_no_wrong_contact_and_cost_healthy_ones_nothing": (
-        "a gap that proves who is late costs all boards a period: fresh in 939 of 950; 949 asked"
-    ),
-    "tests/interop/test_npm_master.py::"
-    "test_device_of_another_make_is_booted_and_its_readings_become_a_contact": "five contacts",
     "tests/planning/test_coverage.py::"
     "test_predicted_and_measured_scatter_agree_within_a_tenth[radial]": "1.15 times the bound; 1.1 asked",
     "tests/skin/test_simulated_covers.py::"

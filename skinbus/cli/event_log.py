@@ -17,6 +17,8 @@ MOMENT_S: Final = 0.25
 BURST: Final = 6
 WINDOW_S: Final = 10.0
 """So many lines of a kind and bus in such a time; the others are counted and reported at its end."""
+LONGEST_S: Final = 600.0
+"""While they go on, what was said is counted over longer and longer times, up to this."""
 MAX_WAITING: Final = 10_000
 """Events that wait to be shown; when a terminal is stopped for long, the oldest are lost."""
 
@@ -29,10 +31,13 @@ def wall_stamp(t: float) -> str:
 
 @dataclass(slots=True)
 class _Stretch:
-    """A stretch of time: lines of a kind of events on a bus, and the nodes of those that are not shown."""
+    """A stretch of time: lines of a kind of events on a bus, and those that are not shown; what was said."""
 
     since: float
+    length: float = WINDOW_S
+    said: set[tuple[str, int]] = field(default_factory=set)
     n: int = 0
+    n_more: int = 0
     more: set[int] = field(default_factory=set)
 
 
@@ -72,16 +77,21 @@ class EventLog:
                 del self._groups[key]
                 bus, kind, detail = key
                 stretch = self._stretches.setdefault((bus, kind), _Stretch(since))
-                stretch.n += 1
-                if stretch.n <= BURST:
+                what = {(detail, node_id) for node_id in node_ids or {0}}
+                if stretch.n < BURST and (stretch.length == WINDOW_S or not what <= stretch.said):
+                    stretch.n += 1
+                    stretch.said |= what
                     self._line(since, bus, kind, node_ids, detail)
                 else:
+                    stretch.n_more += 1
                     stretch.more |= node_ids
         for (bus, kind), stretch in list(self._stretches.items()):
-            if all_of_it or now - stretch.since >= WINDOW_S:
+            if all_of_it or now - stretch.since >= stretch.length:
                 del self._stretches[bus, kind]
-                if (n := stretch.n - BURST) > 0:
-                    more = f"{counted(n, 'time')} more in {now - stretch.since:.0f} s"
+                if stretch.n_more:
+                    length = min(2 * stretch.length, LONGEST_S)
+                    self._stretches[bus, kind] = _Stretch(now, length, stretch.said)
+                    more = f"{counted(stretch.n_more, 'time')} more in {now - stretch.since:.0f} s"
                     self._line(now, bus, kind, stretch.more, more)
 
     def _line(self, t: float, bus: int, kind: str, node_ids: set[int], detail: str) -> None:

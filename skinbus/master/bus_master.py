@@ -24,6 +24,9 @@ from skinbus.node.device import Device
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 
+LATE_PERIODS = 6
+"""Between the stop and the boot of a patch: one that is late by four of them is silent for ``GAP`` then."""
+
 
 class BusMaster:
     """The master on one bus: a CANopen node there, NMT master of the patches there.
@@ -118,12 +121,11 @@ class BusMaster:
         self._take(self.supervisor.step(now_ns, frames))
         return has_booted
 
-    def readings(self, now_ns: int, gather: Gather, fresh: Mask, doubled: Mask) -> None:
+    def readings(self, now_ns: int, gather: Gather, fresh: Mask) -> None:
         """Note what came of the patches in the cycle of a SYNC.
 
-        ``fresh`` (n_patches of the bus,): their readings are used; ``doubled``: frames came that answer no
-        SYNC. While there is another master that proves nothing, and that readings which were sent are not
-        used is no fault of the patches.
+        ``fresh`` (n_patches of the bus,): their readings are used. While there is another master that proves
+        nothing, and that readings which were sent are not used is no fault of the patches.
         """
         owing = gather.owing[self.patches]
         if owing.any() and fresh[owing].all():
@@ -131,8 +133,11 @@ class BusMaster:
         if self.has_other_master:
             owing = owing & (fresh | ~gather.has_sent[self.patches])
         self.events += self.supervisor.readings(now_ns, owing, fresh, gather.bad_length[self.patches])
+        doubled, late = gather.freshness.is_doubled[self.patches], gather.freshness.is_late[self.patches]
         if doubled.any() and not self.has_other_master:
             self._take(self.supervisor.doubled(now_ns, doubled))
+        if late.any() and not self.has_other_master:
+            self._take(self.supervisor.late(now_ns + 1000 * LATE_PERIODS * self._period_us, late))
 
     def show(self, now_ns: int) -> None:
         """Write the states of patches and tactels to the objects."""

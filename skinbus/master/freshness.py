@@ -7,22 +7,22 @@ that has answered all sends nothing in the second period of the gap, and its acc
 late sends there what it still owed. A step in the phase of the SYNC would cost no cycle, but moves an answer
 by less than frames move by queueing on a full bus.
 
-A gap costs all patches a cycle. The first one after a second without trouble is made at once, and those for
-a patch that needs more of them come with growing pauses. SYNCs that a full queue discarded, or sent much
-later, leave an account that says nothing: after them a patch is used once a gap has proven it, and for a
-second no gap is put off.
+A gap costs all patches a cycle. So while most answer as they should, those that are behind are stopped
+instead, and booted when nothing of theirs is under way: they alone are missing. The first time after a
+second without trouble that is done at once, and again with growing pauses. SYNCs that a full queue
+discarded, or sent much later, leave an account that says nothing, as does a patch that was started while it
+sent: it is used once a gap has proven it. For a second after a queue was full no gap is put off.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from skinbus.master.patches.table import Mask
+from skinbus.master.patches.table import Mask, PatchTable
 from skinbus.objects.readings import ReadingsPlan
 
 GAP = 2
-"""Periods between the SYNCs around a gap."""
+"""Periods between the SYNCs around a gap, and without a frame of a patch of which nothing is under way."""
 
 CALM_NS = 1_000_000_000
 """For so long a patch must have answered each SYNC once before a gap is made for it, unless it is the first;
@@ -72,6 +72,8 @@ class Freshness:
         # by patch: it had not answered all earlier SYNCs when the newest one came; frames came in the cycle
         # before that answer no SYNC, as of a second board
         self.is_behind, self.is_doubled = np.zeros((2, n), np.bool_)
+        self.is_late = np.zeros(n, np.bool_)
+        """(n_patches,) patches that are to be stopped: they have not answered all SYNCs, most others have."""
         # it was doubled, or a node babbled, and it has not shown since that it is not; what its account says
         # is not proven before a gap, or a start
         self._was_doubled, self._is_babbled, self._unproven = np.zeros((3, n), np.bool_)
@@ -91,16 +93,16 @@ class Freshness:
         has_changed = answering.tobytes() != self._was_answering.tobytes()
         is_trivial = self._is_quiet and not has_changed and bool(answering.all())
         is_trivial = is_trivial and answers.n_frames.tobytes() == self._n_pdos.tobytes()
+        wants_gap = False
         if not is_trivial:
             started = answering & ~self._was_answering
             answers.n_excess[~self._was_answering] = 0  # nothing was counted
             self._was_answering = answering.copy()
-            is_trivial = not self._settle(now_ns, answering, started)
-        wants_gap = False if is_trivial else self._plan_gap(now_ns, answering)
+            self._settle(now_ns, answering, started)
+            wants_gap = not self._follows and self._plan_gap(now_ns, answering)
         due = answers.due
         due += answering[self._plan.pdo_patch]
         np.minimum(due, MAX_DUE, out=due)
-        answers.came[:] = 0
         answers.n_frames[:] = 0
         answers.n_excess[:] = 0
         answers.counter[0] = counter if self._has_stamps else 0
@@ -112,15 +114,17 @@ class Freshness:
         self.answers.due[(patches | self._forgotten)[self._plan.pdo_patch]] = 0
         self._forgotten = patches
 
-    def started(self, now_ns: int, starts: npt.NDArray[np.int64]) -> None:
+    def started(self, now_ns: int, table: PatchTable) -> None:
         """Expect nothing before the next SYNC of patches that have begun to run since the last call.
 
-        ``starts`` (n_patches,) are the times that they did.
+        Of one that has sent readings since its boot-up message, and just now, some may be under way.
         """
+        starts, last_ns = table.starts, self.answers.last_ns
         anew = starts != self._starts
         if anew.any():
+            sends = (last_ns > table.last_boot_up) & (now_ns - last_ns < GAP * self._period_ns)
+            self._unproven[anew] = sends[anew] & (not self._follows)
             self.answers.due[anew[self._plan.pdo_patch]] = 0
-            self._unproven[anew] = False
             self._starts[anew] = starts[anew]
             self.started_ns[anew] = now_ns
 
@@ -153,8 +157,8 @@ class Freshness:
         usable = (self.answers.n_excess == 0) & (self._unusable_ns <= self._opened_ns)
         return np.asarray(complete & usable & ~self.is_behind)
 
-    def _settle(self, now_ns: int, answering: Mask, started: Mask) -> bool:
-        """Close the account of the cycle before; return whether any patch needs attention."""
+    def _settle(self, now_ns: int, answering: Mask, started: Mask) -> None:
+        """Close the account of the cycle before."""
         answers, plan = self.answers, self._plan
         anew = (started | ~answering) & ~self._unproven
         clean = answers.n_frames == self._n_pdos
@@ -172,7 +176,7 @@ class Freshness:
         new = behind & ~self.is_behind
         sudden = new & (now_ns - self._trouble_ns > CALM_NS)
         failed = behind & self.is_behind & clean & was_gap & (self._ready_ns <= self._opened_ns)
-        in_vain = failed | new & (now_ns - self._gap_ns < CALM_NS)
+        in_vain = failed | new & (now_ns - np.maximum(self._gap_ns, self.started_ns) < CALM_NS)
         self._wait_ns[in_vain] = np.minimum(2 * self._wait_ns[in_vain], LONGEST_NS)
         later = now_ns + self._wait_ns
         put_off = ~sudden & (new | behind & ~clean & (answers.n_frames > 0))
@@ -191,13 +195,15 @@ class Freshness:
         self._is_babbled &= self._was_doubled
         self.is_doubled = in_excess & ~self._is_babbled
         self._is_quiet = not (behind.any() or self._was_doubled.any())
-        return not self._is_quiet
 
     def _plan_gap(self, now_ns: int, answering: Mask) -> bool:
-        """Return whether this cycle is to be a gap."""
-        if self._follows or now_ns - self._gap_ns < SPACING_NS:
-            return False
+        """Return whether this cycle is to be a gap; note who is to be stopped instead."""
         ready = self.is_behind & answering & (self.answers.n_frames > 0) & (self._ready_ns <= now_ns)
-        if ready.any():
-            self._gap_ns = now_ns
-        return bool(ready.any())
+        needs_gap = ready & (self._unproven | (now_ns < self._eager_ns))
+        if np.count_nonzero(ready) >= np.count_nonzero(answering & ~self.is_behind):
+            needs_gap = ready
+        self.is_late = ready & ~needs_gap
+        if not needs_gap.any() or now_ns - self._gap_ns < SPACING_NS:
+            return False
+        self._gap_ns = now_ns
+        return True

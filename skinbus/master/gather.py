@@ -30,14 +30,14 @@ class FrameCounters:
     late: int = 0
     """Frames that came when their cycle was closed."""
     missing: int = 0
-    """Frames that a patch owed and that had not come when their cycle was closed."""
+    """Frames that a patch owed and that had not come by the next SYNC."""
     dropped: int = 0
     """Frames that the machine received and had no room for."""
 
     @property
     def lost(self) -> int:
         """Frames whose readings are in no cycle."""
-        return self.missing + self.dropped
+        return self.late + self.missing + self.dropped
 
 
 class Gather:
@@ -82,8 +82,12 @@ class Gather:
 
     def open(self, now_ns: int, owing: Mask) -> None:
         """Begin a cycle that waits until the patches in ``owing`` (n_patches,) have sent all their TPDOs."""
+        came = self.freshness.answers.came
+        missed = self.owing * (self.plan.expected & ~came)
+        # What the machine dropped is counted already.
+        self.counters.missing += max(int(np.bitwise_count(missed).sum()) - self._n_dropped, 0)
         self._opened_ns = now_ns
-        self.seen[:] = 0
+        self.seen[:] = came[:] = 0
         self.owing = owing.copy()
         self._owed = self._missing()
         self._n_got = 0
@@ -131,9 +135,6 @@ class Gather:
 
     def close(self) -> Mask:
         """End the cycle and return which patches are fresh: every TPDO came in answer to this SYNC."""
-        missed = self.owing * (self.plan.expected & ~self.freshness.answers.came)
-        # What the machine dropped is counted already.
-        self.counters.missing += max(int(np.bitwise_count(missed).sum()) - self._n_dropped, 0)
         self.is_open = False
         fresh = self.has_answered & (self.plan.expected != 0)
         if len(self._with_status):

@@ -209,7 +209,7 @@ class Master(Core):
         for branch in awake:
             if branch.supervise(now_ns, frames_of[branch.number]):
                 self.publisher.repeat(branch.number)  # clients may still hold what it published before
-        self.freshness.started(now_ns, self.table.starts)
+        self.freshness.started(now_ns, self.table)
         if is_over:
             self._close(now_ns)
         sync: Frame | None = None
@@ -355,7 +355,7 @@ class Master(Core):
         for branch in self.branches:
             own = branch.patches
             fresh[own] &= ~branch.is_disturbed(self.freshness.started_ns[own])
-            branch.readings(now_ns, self.gather, fresh[own], self.freshness.is_doubled[own])
+            branch.readings(now_ns, self.gather, fresh[own])
         return fresh
 
 

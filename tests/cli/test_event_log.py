@@ -3,7 +3,7 @@
 import re
 
 from skinbus.can.event import Event
-from skinbus.cli.event_log import BURST, MOMENT_S, WINDOW_S, EventLog
+from skinbus.cli.event_log import BURST, MOMENT_S, EventLog
 
 
 class Log:
@@ -40,19 +40,31 @@ def test_equal_events_of_a_moment_are_one_line():
     assert log.said() == []
 
 
-def test_of_a_storm_some_lines_are_shown_and_the_rest_is_counted():
+def test_of_an_hour_of_the_same_some_lines_are_shown_and_the_rest_is_counted():
     log = Log()
-    lines = []
-    for k in range(100):
+    n, lines = round(3600 / MOMENT_S), []
+    for k in range(n):
         log.take("readings-lost", 1 + k % 3)
         lines += log.said(after=MOMENT_S)
-    seconds = 100 * MOMENT_S
-    assert BURST < len(lines) <= (BURST + 1) * (1 + seconds / WINDOW_S)
-    assert "readings-lost: nodes 1-3, 34 times more in 10 s" in lines
+    assert lines[BURST] == "readings-lost: nodes 1-3, 34 times more in 10 s"
+    assert len(lines) < 20
+    log.take("readings-lost", 4)
+    assert log.said() == ["readings-lost: node 4"]  # of another it is news
     lines += log.said(all_of_it=True)
     shown = [line for line in lines if "more" not in line]
     counts = [int(re.search(r"(\d+) times? more", line)[1]) for line in lines if "more" in line]
-    assert len(shown) + sum(counts) == 100
+    assert len(shown) + sum(counts) == n
+
+
+def test_what_has_ceased_for_long_is_news_again():
+    log = Log()
+    for _ in range(100):
+        log.take("readings-lost", 1)
+        log.said()
+    log.said(after=1000.0)
+    log.said(after=1000.0)
+    log.take("readings-lost", 1)
+    assert log.said() == ["readings-lost: node 1"]
 
 
 def test_at_the_end_everything_is_said():

@@ -158,6 +158,10 @@ class PatchMonitor:
         self._report(now_ns, EventKind.PATCH_DOUBLED, *np.flatnonzero(patches).tolist())
         return self._taken()
 
+    def late(self, until_ns: int, patches: Mask) -> tuple[list[Frame], list[Event]]:
+        """Stop patches (n_patches,) until then, whose readings are missing or late: not where others do."""
+        return [], []
+
     def request(self, p: int | None, command: NmtCommand) -> AbortCode | None:
         """Reset patch p, or all, with the next step, because a client asks for it; return why not."""
         return AbortCode.LOCAL_CONTROL
@@ -346,6 +350,18 @@ class Supervisor(PatchMonitor):
                 self._ask(now_ns, p, ask_boards(self._plans[p].node_id))
         return self._taken()
 
+    def late(self, until_ns: int, patches: Mask) -> tuple[list[Frame], list[Event]]:
+        """Stop patches (n_patches,) whose readings are missing or late, and boot them then."""
+        for p in np.flatnonzero(patches & self.table.is_running).tolist():
+            self._stop(p)
+            self._silence(p, until_ns)
+        return self._taken()
+
+    def _silence(self, p: int, until_ns: int) -> None:
+        """Let patch p send no readings, and boot it then."""
+        self._command(p, NmtCommand.PRE_OPERATIONAL)
+        self._try_at[p] = until_ns
+
     def _heartbeat_of(self, now_ns: int, p: int, state: int) -> None:
         """Take a heartbeat or boot-up message of patch p."""
         table, may_begin = self.table, now_ns >= self._not_before[p]
@@ -377,7 +393,7 @@ class Supervisor(PatchMonitor):
         if self.table.is_running[p]:
             self._fell(now_ns, p, EventKind.PATCH_FELL_BACK, detail)
             if pause_ns:
-                self._try_at[p] = now_ns + pause_ns
+                self._silence(p, now_ns + pause_ns)
             elif now_ns >= self._not_before[p]:
                 self._begin(now_ns, p)
 

@@ -52,7 +52,8 @@ TRANSITIONS = frozenset((before, after) for before, states in NEXT.items() for a
 class PatchTable:
     """One row per patch of the arm.
 
-    state (n_patches,) PatchState; last_heard (n_patches,) ns of the last heartbeat; last_fresh
+    state (n_patches,) PatchState; last_heard (n_patches,) ns of the last heartbeat, last_boot_up (n_patches,)
+    of the last boot-up message; last_fresh
     (n_patches,) ns of the SYNC for which the newest readings in use were sampled; missed (n_patches,)
     cycles in a row without; error (n_patches,) last EMCY code, 0 for none; starts (n_patches,) times that it
     began to run; restarts (n_patches,) times that it stopped running by itself; serial (n_patches,) serial
@@ -62,8 +63,8 @@ class PatchTable:
 
     def __init__(self, n_patches: int) -> None:
         self.state = np.full(n_patches, PatchState.ABSENT, np.uint8)
-        self.last_heard, self.last_fresh, self.missed = np.zeros((3, n_patches), np.int64)
-        self.starts, self.restarts, self.serial = np.zeros((3, n_patches), np.int64)
+        self.last_heard, self.last_boot_up, self.last_fresh = np.zeros((3, n_patches), np.int64)
+        self.missed, self.starts, self.restarts, self.serial = np.zeros((4, n_patches), np.int64)
         self.error = np.zeros(n_patches, np.uint16)
         self.nmt = np.zeros(n_patches, np.uint8)
 
@@ -87,6 +88,8 @@ class PatchTable:
     def heartbeat(self, now_ns: int, p: int, state: int) -> None:
         """Note the state in a heartbeat of patch p; 0, a boot-up, leads to pre-operational."""
         self.last_heard[p] = now_ns
+        if state == cia.NmtState.INITIALISING:
+            self.last_boot_up[p] = now_ns
         self.nmt[p] = state or cia.NmtState.PRE_OPERATIONAL
 
     def note_readings(self, owing: Mask, fresh: Mask, can_return: Mask) -> tuple[list[int], list[int]]:
