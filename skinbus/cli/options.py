@@ -51,12 +51,12 @@ _CHANNELS = click.option(
     "channels",
     multiple=True,
     help="Channel of the interface: one for each bus in the order of the arm file, or NAME=CHANNEL. By "
-    "default what the arm file says; a single bus is else on can0, or 239.74.163.2 with udp_multicast.",
+    "default that of the arm file; without one, can0 (239.74.163.2 with udp_multicast) for a single bus.",
 )
 _BITRATE = click.option(
     "--bitrate",
     type=click.IntRange(10_000, 1_000_000),
-    help="Bit/s, where the interface lets it be set (default: what the arm file says, or 1000000).",
+    help="Bit/s, if the interface can set it (default: that of the arm file, or 1000000).",
 )
 _NAME = click.option("--bus", "name", help="Name of the bus, when the arm has several.")
 
@@ -135,7 +135,7 @@ log_channels_option = click.option(
 
 
 seconds_option = click.option(
-    "--seconds", type=Range(min=0.0, min_open=True), help="Stop by itself after this time."
+    "--seconds", type=Range(min=0.0, min_open=True), help="Stop after this time, s."
 )
 
 
@@ -144,5 +144,5 @@ json_option = click.option(
     "json_file",
     type=click.Path(dir_okay=False, allow_dash=True),
     callback=output.json_file,
-    help="Write a summary to this file; - is standard output, with nothing else on it.",
+    help="Write a summary to this file; - writes it, and nothing else, to standard output.",
 )

@@ -35,8 +35,8 @@ def command(arm: str | None, bus: BusWords, timeout_ms: int) -> None:
     node-ID: they are found by fastscan, lowest identity first, and get the free node-IDs in order. To find
     out which board is which, connect those one at a time.
 
-    Status 0: every node found, and every patch with a serial number, has its node-ID. 1: not so, or no node
-    is on the bus. 2: bad file or argument. 3: no bus, or a master is active.
+    Status 0: every node found, and every patch with a serial number, has its node-ID. 1: some have not, or
+    no node is on the bus. 2: bad file or argument. 3: no bus, or a master is active.
 
     \b
     Examples:

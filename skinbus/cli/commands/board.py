@@ -102,7 +102,9 @@ def _positions(path: Path) -> Floats:
 @click.option("--grid", callback=_grid, help="Tactels: COLUMNSxROWS, at most 64.")
 @file_option("--positions", help="CSV file with a line for each tactel, in place of a grid.")
 @click.option(
-    "--pitch-mm", type=float, help="From one tactel to the next, mm; of positions the least distance."
+    "--pitch-mm",
+    type=float,
+    help="From one tactel to the next, mm; for positions by default the least distance.",
 )
 @click.option("--bits", default=12, show_default=True, help="Of the converter, 8 to 16; 16 with --module.")
 @click.option(
@@ -128,8 +130,9 @@ def new(
     It describes to the master and to any CANopen tool what your firmware must implement, see
     docs/profile.md. Names and numbers of the vendor are yours to fill in.
 
-    The tactels are a grid, or lie where a CSV file says: columns u_mm and v_mm (or u_m, v_m), or points of
-    the surface and its normals there, x_mm, y_mm, z_mm, nx, ny, nz (or x_m, ...), which are laid flat.
+    The tactels are a grid, or --positions names a CSV file with a line for each. Its columns are u_mm and
+    v_mm on the board; or x_mm, y_mm, z_mm, nx, ny, nz, points and normals of the surface, which is unrolled.
+    Names with _m instead of _mm are in metres.
 
     With --module the board is an analogue module, whose firmware is not ours, and the file a DCF. Its inputs
     are 0x6401 (CiA 401) or 0x7130 (CiA 404), all of them in TPDOs as delivered; the master has it send
@@ -283,7 +286,7 @@ def firmware(eds: str, out: Path) -> None:
     default=N_SYNCS,
     show_default=True,
     type=click.IntRange(50, 1_000_000),
-    help="SYNCs that are answered; 20 ms each.",
+    help="Number of SYNCs, 20 ms each.",
 )
 def check(
     bus: BusWords, node_id: int, eds: str, response_ms: float, store: bool, press: bool, syncs: int
@@ -291,8 +294,9 @@ def check(
     """Check the firmware of one board on a bus, rule by rule.
 
     The board is reset and started; nothing may press on it before --press asks for it. All boards of the bus
-    are put to pre-operational. No master may be at work on the bus. Status 1 when a rule fails. The rules are
-    in docs/profile.md. Not found: samples that are one cycle old, and what happens more rarely than --syncs.
+    are put to pre-operational. No master may be at work on the bus. Status 1 when a rule fails. The rules
+    are in docs/profile.md. It cannot find samples that are one cycle old, and faults that are rarer than one
+    in --syncs.
 
     \b
     Examples:

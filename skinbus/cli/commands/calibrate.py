@@ -48,13 +48,13 @@ BOARDS: Final = ("node", "presses", "left out", "error mm")
     "--out",
     callback=output.dcf,
     required=True,
-    help="The DCF to write; of several patches, each gets one with its node-ID behind the name.",
+    help="The DCF to write; with several patches, each name ends with the node-ID.",
 )
 @click.option("--force", is_flag=True, help="Write the DCF files in spite of faults.")
 @click.option(
     "--all-of-kind",
     is_flag=True,
-    help="Write one for boards of the kind that were not pressed, too: the law, and gains as they are.",
+    help="Also write the law into DCF files of boards of the same kind that were not pressed.",
 )
 def command(
     arm: str,
@@ -65,7 +65,7 @@ def command(
 ) -> None:
     """Learn the contact law, gains and noise of patches of ARM from the presses in a CSV file.
 
-    One line is what one patch reads under one press. Columns, in any order:
+    A line has the readings of one patch under one press. Columns, in any order:
 
     \b
       node_id       the patch
@@ -79,13 +79,13 @@ def command(
       n1, n2, ...   standard deviation of a single reading, Pa. Without it the noise is at least what
                     the board declares
 
-    Columns are divided by commas. Others, such as a time, are left alone. A hundred presses spread
-    over a patch and half a pitch around it are plenty. A patch of the arm file takes its DCF as `eds`, a ring
-    a list of them; `skinbus configure` writes it into the board.
+    Columns are divided by commas. Other columns, such as a time, are ignored. A hundred presses spread over
+    a patch and half a pitch around it are plenty. In the arm file `eds` of a patch names the DCF, `eds` of a
+    ring a list of them; `skinbus configure` writes it into the board.
 
-    Presses that cannot be true are refused: status 1, and no file is written. Other units, axes and boards
-    are tried, and the one that fits is named. Otherwise the error to expect is printed: the error at
-    presses that the calibration was not made from.
+    Impossible presses are refused: status 1, and no file is written. The command then tries other units,
+    axes and boards, and names those that fit. Otherwise it prints the error to expect, measured at presses
+    that were left out of the calibration.
 
     \b
     Examples:

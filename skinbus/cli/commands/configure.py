@@ -30,10 +30,10 @@ Ods = Mapping[int, ObjectDictionary]
 @arm_bus_options
 @click.option("--dry-run", is_flag=True, help="Only say what would change.")
 def command(arm: str, bus: BusWords, dry_run: bool) -> None:
-    """Bring the patches of ARM (a name or a TOML file) to what its EDS and DCF files and settings say.
+    """Write the values of the EDS and DCF files and settings of ARM (a name or a TOML file) into its patches.
 
-    Every value is read, downloaded where it differs, read back, and stored in the patch (0x1010), so that
-    the master finds it there at every start. The patches are left pre-operational; stop the master first.
+    Every value is read. If it differs, it is written, read back and stored in the patch (0x1010), where the
+    master finds it at every start. The patches are left pre-operational; stop the master first.
 
     Status 0: every patch is as asked. 1: one is absent, refused, not stored, or would change. 2: bad
     file or argument. 3: no bus, or a master is active.

@@ -38,12 +38,11 @@ NOTE: Final = (
 @click.option("--step-mm", default=2.0, show_default=True, type=Range(0.5, 20.0), help="Of the grid, mm.")
 @file_option("--figure", callback=output.svg, help="Draw the links unrolled (.svg).")
 def command(arm: str, force: float, step_mm: float, figure: Path | None) -> None:
-    """Compute what the skin of ARM (a name or a TOML file) feels where, before a board is ordered.
+    """Compute how well each point of ARM (a name or a TOML file) is felt, before a board is ordered.
 
-    \b
-    For each point: the least force that is registered, and the Cramer-Rao bound on the standard deviation of
-    place and force of a contact, by the laws, noises and thresholds in the files of the boards. Level full
-    reaches the bound where four tactels feel the contact; the share of such points is printed.
+    For each point: the least force that is registered, and the Cramer-Rao bound on the standard deviation
+    of place and force of a contact, from the laws, noises and thresholds in the files of the boards. Level
+    full reaches the bound where four tactels feel the contact; the share of such points is printed.
 
     \b
     Examples:

@@ -35,8 +35,8 @@ def command(log: str | None, arm: str, out: Path, channels: tuple[str, ...], lev
     .parquet  pandas, DuckDB: a row for each tactel of each cycle; FILE.contacts.parquet has the contacts
     .dbc      SavvyCAN, PlotJuggler, cantools: needs no LOG; one file for each bus, FILE.dbc or FILE-BUS.dbc
 
-    Contacts are made of the readings now, at --level, with covariances. Those that the master in the log
-    published are read from it by means of the DBC.
+    Contacts are computed again from the readings, at --level, with covariances. The DBC decodes the contacts
+    that the master published in the log.
 
     Status 0: written. 1: there were no readings of this arm. 2: a bad file or argument.
 

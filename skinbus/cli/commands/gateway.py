@@ -31,7 +31,7 @@ def command(
     interface: str | None,
     seconds: float | None,
 ) -> None:
-    """Make patches of a skin whose frames are not CANopen, until Ctrl-C.
+    """Send the readings of a skin that is not CANopen as CANopen patches, until Ctrl-C.
 
     FORMAT describes its frames: a name or a TOML file. In the arm file, each patch that the skin reads has an
     address, such as "2.5" for triangle 5 of board 2. For a master these patches are like any others.

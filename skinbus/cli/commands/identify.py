@@ -40,16 +40,17 @@ Say = Callable[..., Any]
 @arm_bus_options
 @file_option("--out", help="Write this arm file in place of ARM.")
 def command(arm: str, bus: BusWords, out: Path | None) -> None:
-    """Find which board sits where on ARM: press the places that are asked for, one after the other.
+    """Find which board sits where on ARM: the command asks for presses at one place after the other.
 
-    Each place is pressed at its centre. A wrong press is named and asked for again. Then node-IDs and serial
-    numbers go into the arm file; its comments stay. `skinbus calibrate locate` finds boards that are
-    turned or mirrored. A ring whose boards differ becomes single patches. Boards need a
-    node-ID, whichever: `skinbus scan assign` gives one to those without.
+    Press each place at its centre. The command names a wrong press and asks again. Then it writes node-IDs
+    and serial numbers into the arm file; comments stay. `skinbus calibrate locate` finds boards that are
+    turned or mirrored. A ring whose boards differ becomes single patches. Each board needs a node-ID, no
+    matter which: `skinbus scan assign` gives one to boards without.
 
     Nothing is written after `quit` or Ctrl-C. Several buses are identified one by one (--bus).
 
-    Status 0: every place has its board. 1: not so. 2: bad file or argument. 3: no bus, or a master is active.
+    Status 0: every place has its board. 1: some have none. 2: bad file or argument. 3: no bus, or a master
+    is active.
 
     \b
     Examples:

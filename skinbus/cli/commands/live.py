@@ -30,17 +30,17 @@ from skinbus.model import Arm
 @click.option(
     "--weight-n",
     type=Range(min=0.0, min_open=True),
-    help="The same force in all presses, N. Without it forces are not known, but the same.",
+    help="Force of all presses, N. Without it the force is unknown, but must be the same in all.",
 )
 def command(arm: str, presses: Path, bus: BusWords, weight_n: float | None) -> None:
-    """Press the boards of ARM now, one after the other where you are asked to; keep the presses in PRESSES.
+    """Press the boards of ARM at places that the command asks for; write the presses to PRESSES.
 
-    A press that is wrong, too light or too short is named and asked for again. It ends when more presses
-    would not help. Each press is in the file as soon as it is made: after an interruption the same command
-    goes on. `skinbus calibrate` and `skinbus calibrate locate` read the file.
+    The command names a press that is wrong, too light or too short, and asks again. It ends when more
+    presses would not help. Each press is written at once: after an interruption the same command goes on.
+    `skinbus calibrate` and `skinbus calibrate locate` read the file.
 
-    Status 0: enough presses, or `done` was typed. 1: not so. 2: bad file or argument. 3: no bus, or a master
-    is active.
+    Status 0: enough presses, or `done` was typed. 1: too few. 2: bad file or argument. 3: no bus, or a
+    master is active.
 
     \b
     Examples:

@@ -40,14 +40,14 @@ than a third of a board of 50 mm, so that it is nearer to its own place than to 
 def command(arm: str, presses: Path, write: bool, out: Path | None) -> None:
     """Find where the boards of ARM sit, from presses at known places of their links.
 
-    PRESSES is a CSV file as `skinbus calibrate` reads it. The places are those of a robot's tool, or of a
-    probe in a jig; what a board reads says where on it the press was. Six presses a board near its corners,
-    at 0.3 mm, give 0.2 mm and 0.4 degrees. Presses that fit no place of their board are named and left out;
-    what presses do not determine stays as it is.
+    PRESSES is a CSV file as `skinbus calibrate` reads it. Its places come from a robot's tool, or from a
+    probe in a jig. The readings of a board say where on the board the press was. Six presses near the
+    corners of a board, known to 0.3 mm, give its place to 0.2 mm and 0.4 degrees. Presses that fit no place
+    of their board are named and left out. A place or yaw that the presses do not determine is not changed.
 
-    Nothing is written without --write or --out. Status 1: a board is turned or mirrored otherwise than the
-    file says, lies more than 15 mm off its place, or its presses fit no
-    place; such a board is not moved, and the likely cause is named. 2: bad file or argument.
+    Nothing is written without --write or --out. Status 1: a board is turned or mirrored unlike the file
+    says, lies more than 15 mm off its place, or its presses fit no place. Such a board is not moved, and the
+    likely cause is named. 2: bad file or argument.
 
     \b
     Examples:

@@ -32,8 +32,8 @@ SILENT_S: Final = 1.0
 def command(arm: str, where: BusesWords, is_stream: bool, seconds: float | None) -> None:
     """Show the contacts that a master of ARM publishes, until Ctrl-C; status 1 when no master sent anything.
 
-    Pressures are those that the patches send, with zeros found here. Without a terminal the screen is printed
-    once, at the end.
+    Pressures are computed from the readings of the patches; their zeros are found here. Without a terminal
+    the screen is printed once, at the end.
 
     \b
     Examples:

@@ -46,7 +46,7 @@ FEWEST: Final = 10
     help="Places of the tip over time: t_s with s_mm, a_mm (and height_mm), or x_mm, y_mm, z_mm in the "
     "frame of the link; force_n if the robot measures it.",
 )
-@click.option("--weight-n", type=Range(min=0.0, min_open=True), help="The same force in all presses, N.")
+@click.option("--weight-n", type=Range(min=0.0, min_open=True), help="Force of all presses, N.")
 @click.option("--link", "link_name", help="The link that is pressed; by default the only one.")
 @log_channels_option
 @file_option(
@@ -63,10 +63,10 @@ def command(
 ) -> None:
     """Find the presses in LOG, a recording of `skinbus record` or candump: where they were and how strong.
 
-    A press counts while its readings stand still for 0.15 s. The clocks need not agree: their offset is
-    where the load of the skin goes with the force, or with a tool that stands still (and near, if its
-    height is known); it is printed. Press for half a second or more, at uneven
-    times, and move between presses.
+    A press counts while its readings stand still for 0.15 s. The clocks need not agree: the command finds
+    their offset by correlating the load of the skin with the force, or with a tool that stands still (and
+    near, if its height is known), and prints it. Press for half a second or more, at uneven times, and move
+    between presses.
 
     Status 0: presses were written. 1: none were found, or the clocks cannot be joined. 2: bad file or
     argument.

@@ -38,7 +38,7 @@ def new_file(ctx: click.Context, parameter: click.Parameter, value: str | None) 
 
 @click.command()
 @click.argument("log", required=False, type=click.Path(dir_okay=False, allow_dash=True), callback=new_file)
-@click.option("--arm", help="An arm, a name or a TOML file: record its buses, where the file says they are.")
+@click.option("--arm", help="Record the buses of this arm, a name or a TOML file.")
 @buses_options
 @seconds_option
 def command(
@@ -49,9 +49,9 @@ def command(
 ) -> None:
     """Record all that is on a bus to LOG, as candump writes it, until Ctrl-C; - is standard output.
 
-    Without LOG the name is made of date and time; *.gz is compressed. A bus that is lost is waited for. Every
-    line is written at once, so that a recording that was killed lacks the last one at most. `skinbus replay`
-    makes contacts of it.
+    Without LOG the file is named by date and time. A file named *.gz is compressed. If a bus is lost, the
+    command waits for it. Each line is written at once: a killed recording lacks its last line at most.
+    `skinbus replay` computes contacts from it.
 
     Status 0: frames were recorded. 1: there were none. 2: a bad file or argument. 3: no bus.
 

@@ -87,11 +87,11 @@ def command(
 ) -> None:
     """Run the master of ARM (a name or a TOML file) until Ctrl-C, which puts the patches to pre-operational.
 
-    When a cycle leaves too little time, its contacts are of a cheaper level, and the level is lowered until
-    there is time again. Cycles that are late are counted and published.
+    If a cycle runs out of time, its contacts come from a cheaper level. If that repeats, the level is
+    lowered until cycles are in time again. Late cycles are counted and published.
 
-    SIGTERM ends it as Ctrl-C does. Status 0: all patches were alive at the end. 1: not so. 2: bad file
-    or argument. 3: no bus, or another master is active: a later try may succeed.
+    SIGTERM ends it as Ctrl-C does. Status 0: all patches were alive at the end. 1: some were not. 2: bad
+    file or argument. 3: no bus, or another master is active: try again later.
 
     \b
     Examples:

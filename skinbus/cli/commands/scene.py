@@ -86,7 +86,7 @@ def check(file: str) -> None:
 def cost(scene: str, cycles: int | None) -> None:
     """Report what each part of SCENE costs per cycle, measured by leaving it out.
 
-    Time is that of the processor; a scene with every effect takes about a minute.
+    Times are processor times; a scene with every effect takes about a minute.
 
     \b
     Examples:

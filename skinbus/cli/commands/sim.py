@@ -26,9 +26,9 @@ def command(
 ) -> None:
     """Simulate the patches of SCENE (a name or a TOML file) on a CAN bus, until Ctrl-C.
 
-    An arm file in its place has a default scene: a fingertip presses some of its boards, one after the other.
+    For an arm file the scene is a fingertip that presses some boards of the arm, one after the other.
 
-    Scene time starts with the first SYNC that a master sends, and the scene is played over and over.
+    The scene starts at the first SYNC of a master and repeats.
 
     \b
     Examples:

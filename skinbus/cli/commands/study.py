@@ -46,9 +46,10 @@ def command() -> None:
 def arm(arms: tuple[str, ...], folder: Path, trials: int) -> None:
     """Measure error against time for each ARM (a name or a TOML file; forearm), and say which level to run.
 
-    Points are the levels with readings of 8 and 16 bits, on a calibrated skin pushed straight and on one as
-    it ships under inclined pushes. Computing is measured on this machine, the wire is the worst case that
-    `skinbus plan` computes. Differences below the scatter are ties, and the cheaper level wins them.
+    Each level is measured with readings of 8 and 16 bits, on a calibrated skin under straight pushes and on
+    an uncalibrated skin under inclined pushes. Computing is measured on this machine, the wire is the worst
+    case that `skinbus plan` computes. If two levels differ by less than the scatter, the cheaper one is
+    named.
 
     \b
     Example:

@@ -38,16 +38,18 @@ LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
 
 @click.command()
 @click.argument("source")
-@click.option("--arm", "recorded", metavar="ARM", help="The arm whose recording SOURCE is.")
+@click.option("--arm", "recorded", metavar="ARM", help="The arm that SOURCE is a recording of.")
 @buses_options
 @click.option("--attach", "shared", metavar="NAME", help="Show what `skinbus run --share NAME` writes.")
 @level_option("Level of the estimator, for a scene or a recording.")
-@click.option("--zero", is_flag=True, help="Take what each patch of a recording reads first for its zero.")
+@click.option(
+    "--zero", is_flag=True, help="Take the first readings of each patch of a recording as its zero."
+)
 @click.option(
     "--host",
     default="127.0.0.1",
     show_default=True,
-    help="Address to serve on; from all others that reach it the skin can be seen.",
+    help="Address to serve on; every machine that reaches it can see the skin.",
 )
 @click.option("--port", default=8080, show_default=True, type=click.IntRange(0, 65535), help="0: any.")
 @seconds_option
@@ -64,14 +66,14 @@ def command(
 ) -> None:
     """Show SOURCE on a web page of this machine: an arm on its buses, a scene, or a recording with --arm.
 
-    An arm (a name or a TOML file) is shown as a listener receives it: the contacts that its master publishes,
-    and the pressures of its readings. With --attach it is shown as a master on this machine writes it to
-    shared memory: also covariances, quality and levels. A scene is simulated here, its truth beside it.
-    Where an arm and a scene have the same name, the arm is shown if a bus or --attach is given, else the
-    scene. A recording of `skinbus record` or candump is played once, at its own speed.
+    An arm (a name or a TOML file) is shown with the contacts that its master publishes on the bus, and with
+    the pressures of its readings. With --attach the page reads the shared memory of a master on this
+    machine, which also holds covariances, quality and levels. A scene is simulated and shown with its true
+    touches. If an arm and a scene have the same name, --channel or --attach chooses the arm. A recording of
+    `skinbus record` or candump is played once, at its own speed.
 
-    Nothing is fetched from elsewhere, and nothing is sent but the zeros that the page's button asks for. That
-    button is on pages opened by the link that is printed, which has a token; other pages only show.
+    The page loads nothing from other machines. Its only command is a button that takes zeros. The button is
+    on pages opened by the printed link, which has a token; other pages only show.
 
     \b
     Examples:
