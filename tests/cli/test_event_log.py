@@ -65,9 +65,3 @@ def test_what_has_ceased_for_long_is_news_again():
     log.said(after=1000.0)
     log.take("readings-lost", 1)
     assert log.said() == ["readings-lost: node 1"]
-
-
-def test_at_the_end_everything_is_said():
-    log = Log()
-    log.take("patch-lost", 7)
-    assert log.said(after=0.0, all_of_it=True) == ["patch-lost: node 7"]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skinbus.estimate import Estimator, Quality, learn_radial_law
+from skinbus.estimate import Estimator, Quality
 from skinbus.model import Arm, Cone, Radial, Transducer, grid
 
 FULL_SCALE = 50e3
@@ -48,18 +48,3 @@ def test_force_of_a_clipped_peak_is_not_the_clipped_one(law, offset, gain, top, 
     assert len(contacts) == 1
     assert contacts.quality[0] & Quality.SATURATED
     assert contacts.force[0] == pytest.approx(force, rel=0.05)
-
-
-def test_calibration_leaves_out_what_is_clipped_on_a_tactel_with_an_offset():
-    law, rng = Radial(400e-6, TABLE), np.random.default_rng(3)
-    arm = Arm.single_patch(
-        grid(4, 4, 0.010), transducer=Transducer(full_scale=30e3), offset=np.full(N, 3000.0)
-    )
-    places = rng.uniform(-0.018, 0.018, (200, 2))
-    d = np.hypot(arm.tactel_s - places[:, :1], arm.tactel_a - places[:, 1:])
-    step = arm.patches[0].patch.transducer.step
-    counts = np.minimum(np.rint(law.pressure(d, 2.0) / step) + 3000, 0x7FFF)
-    assert 20 < (counts == 0x7FFF).sum() < 1000
-    learned = learn_radial_law(arm, *places.T, 2.0, (counts - 3000) * step).law
-    at = np.linspace(0.0, 0.02, 50)
-    assert np.abs(learned.profile(at) - law.profile(at)).max() < 0.02 * TABLE[0]

@@ -31,8 +31,13 @@ def test_contacts_are_counted_and_reach_the_bound(arm, level, draw, n, right, ra
 
 
 @pytest.mark.parametrize("level", ["fit", pytest.param("full", marks=SLOW)])
-def test_reported_covariance_is_neither_proud_nor_shy(level):
-    found = run(Estimator(PAD, level), DRAWS["one 2-20 N"], 2500, np.random.default_rng(6))
+@pytest.mark.parametrize(
+    ("arm", "draw"),
+    [(PAD, "one 2-20 N"), pytest.param(cone_forearm(), "seam", marks=SLOW)],
+    ids=["one", "seam"],
+)
+def test_reported_covariance_is_neither_proud_nor_shy(arm, draw, level):
+    found = run(Estimator(arm, level), DRAWS[draw], 2500, np.random.default_rng(6))
     print("seed 6", found.nees)
     assert found.nees == pytest.approx(1.0, rel=0.1)
 

@@ -97,22 +97,6 @@ def test_board_that_repeats_its_readings_now_and_then_is_withheld_whenever_it_do
     assert withheld(skin, PRESS, 2000) == repeats[100:]
 
 
-def test_noise_that_all_tactels_have_in_common_is_not_new_where_it_is_the_same():
-    """It cannot be told from a sample that was sent again; the tactels themselves are not faulty."""
-    same = []
-
-    def common(raw, now, rng):
-        value = np.rint(2.0 * rng.standard_normal()) * STEP
-        same.append(bool(value == last[0]))
-        raw[BOARD] = last[0] = value
-
-    last = [np.nan]
-    skin = Skin(17, common)
-    said = withheld(skin, NO_TOUCH, 4000)
-    assert said[100:] == same[100:]
-    assert skin.faulty == []
-
-
 def test_board_at_full_scale_is_withheld_at_once_and_named_within_half_a_second():
     skin = Skin(18, lambda raw, now, rng: raw.__setitem__(BOARD, TOP) if 100 <= now < 600 else None)
     skin.read(cycles=100)

@@ -61,20 +61,6 @@ def test_order_of_contacts_changes_no_bit(seed, order):
         assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 
 
-@given(SEEDS, st.floats(0.0, 1.0))
-def test_shift_around_the_cylinder_shifts_the_tracks(seed, turn):
-    surface = SURFACES[0]
-    shift = turn * surface.period
-    for a, b in zip(play(seed), play(seed, shift=shift), strict=True):
-        assert all(np.array_equal(x, y) for x, y in zip(a[:4], b[:4], strict=True))
-        moved = a[4].copy()
-        moved[:, 1] += shift
-        error = b[4] - moved
-        error[:, 1] = surface.wrap(error[:, 1])
-        assert np.abs(error).max(initial=0.0) < 1e-9
-        assert np.allclose(a[5], b[5], rtol=1e-6, atol=0.0)
-
-
 def test_covariance_stays_positive_definite_for_long():
     """Contacts come, go, meet and jump, with covariances of every size, singular ones among them."""
     rng, tracker, t_ns = np.random.default_rng(1), Tracker(ARM), 0

@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 
 from skinbus.estimate import Estimator, Quality
 from skinbus.model import Arm, grid
-from tests.hard.ground import LAWS, NOISE, Ground, distance_to, law_of, pressures_under, touch
+from tests.hard.ground import LAWS, law_of, pressures_under
 
 COST = 1e-6
 """Relative: no start of SciPy's may end lower than the estimator by more."""
@@ -55,40 +55,3 @@ def test_no_start_of_scipy_ends_lower(kind, level, n):
             assert mine <= best + KINK, case
     print("stopped at a kink:", listed)
     assert len(listed) <= (1 if kind == "cone" else 0)
-
-
-SPOTS = {
-    "in the middle": ("fit", [(0.002, 0.001, 5.0)]),
-    "on a tactel": ("fit", [(0.005, 0.005, 5.0)]),
-    "on a seam": ("fit", [(0.002, 0.0255, 40.0)]),
-    "two, 20 mm apart": ("full", [(-0.009, 0.003, 6.0), (0.011, 0.003, 6.0)]),
-}
-"""Level and touches (u, v, force) on the second board; the first touch is watched."""
-
-
-@pytest.mark.slow
-@laws
-@pytest.mark.parametrize("spot", SPOTS)
-def test_reported_covariance_is_the_scatter_of_the_answers(kind, spot):
-    # of n answers a standard deviation is known to 1/sqrt(2n): 2.2 % at 1000; four of those, and 4 % for
-    # what the law's curvature adds. The tip of a cone has no slope, so that a contact right under a tactel
-    # is known better than the slopes beside it say: 10 % there.
-    n = 1000
-    level, rows = SPOTS[spot]
-    arm = Ground("plane", kind).arm()
-    touches = [touch(arm, 1, *row) for row in rows]
-    clean = pressures_under(arm, touches)
-    estimator, rng = Estimator(arm, level), np.random.default_rng(31)
-    errors, reports = [], []
-    for t_ns in range(n):
-        contacts = estimator.update(clean + NOISE * rng.standard_normal(arm.n_tactels), t_ns)
-        if len(contacts) == len(touches):
-            c = int(distance_to(arm, touches[0], contacts).argmin())
-            errors.append(np.array([contacts.s[c], contacts.a[c], contacts.force[c]]) - touches[0][1:])
-            reports.append(contacts.covariance[c])
-    assert len(errors) >= 0.99 * n
-    ratio = np.std(errors, axis=0) / np.sqrt(np.diagonal(np.mean(reports, axis=0)))
-    slack = 4.0 / math.sqrt(2.0 * n) + 0.04
-    tip = 0.08 if (kind, spot) == ("cone", "on a tactel") else 0.0
-    assert (ratio <= 1.0 + slack).all()
-    assert (ratio >= 1.0 - slack - tip).all()

@@ -77,20 +77,3 @@ def test_pressures_are_the_integral_over_the_shape_within_the_bound(indenter, ta
         given = pressures(arm, indenter, place, **how)
         expected = integrated(arm, indenter, place, **how)
         assert np.abs(given - expected).max() <= BOUND * expected.max()
-
-
-def test_force_that_arrives_is_the_force_that_presses():
-    patch = Patch(tactels_uv=grid(8, 8, 15e-3), size=(0.12, 0.12))
-    arm = Arm(
-        "plate",
-        [Link("plate", Surface.plane(0.36, 0.36))],
-        [
-            PlacedPatch(patch=patch, node_id=1 + 3 * i + j, link=0, s=0.06 + 0.12 * i, a=0.12 * (j - 1))
-            for i in range(3)
-            for j in range(3)
-        ],
-    )
-    given = pressures(
-        arm, Indenter(Shape.PALM, 0.16, 0.12), (0.18, 0.0, 0.0), thickness_mm=6.0, tactel="point"
-    )
-    assert given.sum() * 15e-3**2 == pytest.approx(10.0, rel=3e-3)

@@ -9,10 +9,7 @@ import skinbus
 from skinbus.config.system import load_arm
 from skinbus.errors import LocalProtocolError, ShareError
 from skinbus.skin.cycle import SkinLayout
-from skinbus.skin.feed import Feed
-from skinbus.skin.listened import ListenCore
 from skinbus.skin.shared_memory import SharedWriter
-from tests.master.rig import MS, Rig
 from tests.robot.two_joints import ARM, write
 from tests.skin.scenes import write as write_slide
 
@@ -91,32 +88,3 @@ def test_an_arm_file_whose_numbers_mean_something_else_is_refused(tmp_path, old,
     with pytest.raises(ShareError, match="boards or tactels are elsewhere"):
         skinbus.attach(name, arm=file)
     writer.close()
-
-
-@pytest.mark.slow
-def test_a_listener_places_contacts_as_the_master_does_at_the_same_positions(tmp_path):
-    rig = Rig(str(write(tmp_path) / "scene.toml"), level="fit")
-    arm = rig.scene.arm
-    feed = Feed(SkinLayout.of(arm), "a test")
-    listener = ListenCore(arm, 127, feed)
-    rig.wire.attach(listener)
-    for ms in range(0, 1500, 10):
-        for robot in (rig.master.robot, listener.robot):
-            robot.offer(ms * MS, {"first": 1e-3 * ms - 0.5})
-        rig.run(10)
-    n_compared = 0
-    by_counter = {report.counter: report for report in rig.reports}
-    first = feed.get(1, 0.0)
-    for number in range(first.number, feed.newest().number + 1):
-        cycle = feed.get(number, 0.0)
-        report = by_counter[cycle.counter]
-        if not (cycle.contacts and report.robot.valid and len(report.contacts)):
-            continue
-        np.testing.assert_allclose(cycle.joint_positions, report.robot.positions, atol=1e-3)
-        (contact,) = cycle.contacts
-        # 0.1 mm by rounding, and the joint in the time from SYNC to its frame: 1 rad/s at 0.6 m
-        np.testing.assert_allclose(contact.point("base"), report.robot.point[0, 1], atol=2e-4)
-        np.testing.assert_allclose(cycle.joint_torques, report.robot.torques, atol=0.02)
-        assert contact.point_covariance("base") is None  # the bus carries none
-        n_compared += 1
-    assert n_compared > 50

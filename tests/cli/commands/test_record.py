@@ -12,9 +12,7 @@ from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.can.candump import CandumpReader
 from skinbus.can.frame import BRS, EXTENDED, FD, Frame
 from skinbus.cli import group as commands
-from skinbus.cli.output import BROKEN_PIPE
 from tests.cli.patience import PATIENCE_S, complaints
-from tests.cli.processes import process
 
 
 def record(*args):
@@ -116,19 +114,6 @@ def test_a_recording_that_is_stopped_or_killed_has_whole_lines_only(skinbus, gro
     if number is signal.SIGTERM:
         assert (process.returncode, reader.is_cut) == (0, False)
         assert f"{log}: {n} frames in " in out
-
-
-@pytest.mark.slow
-def test_a_disk_that_is_full_is_one_line_and_status_2_and_a_reader_that_has_gone_is_an_end(group):
-    bus = ("--interface", "udp_multicast", "--channel", group)
-    with Speaker([Frame(1, bytes(8))], "udp_multicast", group), open("/dev/full", "w") as full:
-        answer = process("record", "-", *bus, stdout=full)
-        assert answer.returncode == 2
-        assert answer.stderr.splitlines()[2:] == ["skinbus: -: No space left on device"]
-        read, write = os.pipe()
-        os.close(read)
-        with open(write, "w") as gone:
-            assert process("record", "-", *bus, stdout=gone).returncode == BROKEN_PIPE
 
 
 def test_what_is_there_is_not_written_over_and_no_bus_leaves_no_file(tmp_path):

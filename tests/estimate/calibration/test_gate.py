@@ -9,7 +9,7 @@ import pytest
 from skinbus.cli.commands.calibrate import verdict
 from skinbus.estimate import Estimator
 from skinbus.estimate.calibration import Judgement, judge, learn_radial_law
-from skinbus.estimate.calibration.gate import SAME, spread_faults
+from skinbus.estimate.calibration.gate import spread_faults
 from skinbus.estimate.calibration.table import PressTable
 from skinbus.estimate.calibration.validation import HeldOutErrors, cross_validate
 from skinbus.model import Arm
@@ -210,30 +210,3 @@ def test_only_a_calibration_that_converged_from_presses_at_all_distances_is_good
     ):
         assert not part.is_good
         assert "this is fair" in verdict(part, np.arange(64))
-
-
-@pytest.mark.slow
-def test_a_calibration_that_places_are_not_truer_by_is_said_to_be_one():
-    """Few presses on a board whose law is true, and whose gains do not differ, teach nothing."""
-    rng, law = np.random.default_rng([77, 3]), shipped_law()
-    arm = Arm.single_patch(grid(4, 4, 0.010), law=law, noise=200.0)
-    placed, n = arm.patches[0], 32
-    s, a = placed.s + rng.uniform(-0.018, 0.018, n), placed.a + rng.uniform(-0.018, 0.018, n)
-    d = arm.links[0].surface.distance(s[:, None], a[:, None], arm.tactel_s, arm.tactel_a)
-    table = PressTable(
-        arm=arm,
-        patch=np.zeros(n, np.intp),
-        s=s + 0.3e-3 * rng.standard_normal(n),
-        a=a + 0.3e-3 * rng.standard_normal(n),
-        force=np.full(n, 5.0),
-        pressures=law.pressure(d, 5.0) + 200.0 * rng.standard_normal(d.shape),
-    )
-    judgement = judge(table)
-    assert not judgement.faults
-    assert judgement.place_error > SAME * judgement.shipped.place(judgement.kept)
-    lines = np.arange(n) + 2
-    with_forces = verdict(judgement, lines).splitlines()[-1]
-    without = verdict(judge(replace(table, force=None)), lines).splitlines()[-1]
-    for advice in (with_forces, without):
-        assert advice.startswith("keep the law that the boards have")
-    assert "known forces (`force_n`)" in without

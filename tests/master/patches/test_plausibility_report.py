@@ -5,7 +5,6 @@ import struct
 import numpy as np
 import pytest
 
-from skinbus.can.event import EventKind
 from skinbus.estimate import Quality, TactelFault
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
@@ -83,32 +82,3 @@ def test_tactel_at_full_scale_is_no_contact_and_those_beside_it_say_so(noise):
     feel_it = rig.master.cycle.baseline.touched & (to_contact < 0.015)
     is_near = to_contact[0] < 0.015 or (feel_it & (to_faulty < 0.015)).any()
     assert bool(contacts.quality[0] & Quality.IMPAIRED) == bool(is_near)
-
-
-@pytest.mark.slow
-def test_patch_that_answers_some_syncs_with_old_readings_is_not_fresh_then_and_reported_within_a_second(
-    noise,
-):
-    rig = make_rig(noise)
-    rig.run(1500)
-    old, repeats = {}, []
-
-    def repeat(tpdo, counts):
-        if tpdo == 0:
-            repeats.append(bool(old) and noise.rng.random() < 0.3)
-        if not repeats[-1]:
-            old[tpdo] = noise(tpdo, counts)
-        return old[tpdo]
-
-    rig.patches.changes[NODE] = repeat
-    reports, events, _ = rig.run(1000)
-    repeated = [event.kind for event in events if "repeated" in event.kind]
-    assert repeated == [EventKind.READINGS_REPEATED]
-    first = repeats[-len(reports) :]
-    assert [not report.fresh[0] for report in reports] == first
-    assert sum(first) > 5
-    rig.patches.changes[NODE] = noise
-    reports, events, _ = rig.run(7000)
-    repeated = [event.kind for event in events if "repeated" in event.kind]
-    assert repeated == [EventKind.READINGS_REPEATED_END]
-    assert all(report.fresh[0] for report in reports[2:])

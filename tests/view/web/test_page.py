@@ -137,15 +137,6 @@ def test_browser_shows_pressures_contact_and_lost_board_where_they_are(shown, ta
     assert tab.strangers(page.server.get_port()) == []
 
 
-@pytest.mark.slow
-def test_zero_makes_what_is_read_now_the_zero(shown, tab):
-    eventually(lambda: shown.source.newest and shown.source.newest.contacts)
-    tab.page.get_by_role("button", name="Zero").click()
-    tab.wait_until_said("zero all boards: done")
-    eventually(lambda: np.abs(shown.source.newest.readings.pressures).max() < 3000.0)
-    assert tab.errors == []
-
-
 @pytest.fixture(scope="module")
 def scripted():
     """A page of two contacts, a slope of pressures, a lost and a booting board, that stays as it is."""
