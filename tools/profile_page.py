@@ -44,8 +44,9 @@ Made from the EDS files by `python -m tools.profile_page`; a test holds it to th
 * **Send every reading** in an enabled TPDO, or clear the bit of its tactel in "Healthy tactels": an arm
   file with a board that does not is refused.
 * **Stamp the frames** where there is room (CAN FD): 0x2070:01 is the counter of the SYNC that the sample
-  was taken for, 0 if it had none; 0x2070:02 has bit 0 set when the sample is older than the SYNC, bit 1
-  while the converter has not settled, bit 2 while the error register is not 0.
+  was taken for, 0 if it had none; 0x2070:02 has bit 0 set when nobody knows when it was sampled, bit 1
+  while the converter has not settled, bit 2 while the error register is not 0; 0x2070:03 is the time from
+  sampling to SYNC in 100 us, 0xFFFF for that or more. A board that samples by its own clock maps the age.
 * **Store** with the signature "save" (0x1010): what is 0x1xxx by sub-index 2, 0x6xxx by 3, 0x2xxx by 4,
   all by 1, and the node-ID by LSS. Answer when it is stored; `store_timeout_ms` (5 s) is how long the
   master waits. "load" (0x1011) brings the defaults back with the next reset.

@@ -103,6 +103,8 @@ class ArmTable(Table):
     """Cycles a second; one at least: each is a sign of life, for which the service manager waits two."""
     sync_counter: Annotated[int, Field(ge=0, le=240), AfterValidator(_check_counter)] = 0
     """0x1019 of the master and all patches; 0, the default of CiA 301: SYNC carries no counter."""
+    max_age_ms: Annotated[int, Field(ge=1, le=5000)] = BusSettings().max_age_ms
+    """Oldest sample that is used; 0x2070:03 counts to 6.5 s."""
     sdo_timeout_ms: Timeout = BusSettings().sdo_timeout_ms
     store_timeout_ms: Timeout = BusSettings().store_timeout_ms
 

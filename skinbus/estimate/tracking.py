@@ -30,8 +30,10 @@ tracks, neither filter takes it in: both go on as they moved, and their motion d
 part. An estimate at a seam may jump by half a pitch for a cycle: the first contact off the line of a track is
 shown, but its filter waits for a second.
 
-Time: steps may be of any length. After a gap longer than ``blind_s`` every track ends. A cycle whose time is
-that of the last one, or before it, moves identities and raw places on but leaves the filters as they are.
+Time: steps may be of any length. A contact that was sampled before the time of the cycle is compared with
+where its track was then, [1, -age] x. After a gap longer than ``blind_s`` every track ends. A cycle whose
+time is that of the last one, or before it, moves identities and raw places on but leaves the filters as they
+are.
 
 Limits: on a cone errors and speeds along a are taken as at the middle of the link. Contacts move less than
 about 1 m/s, and two that meet keep their speed while they cannot be distinguished, else identities are
@@ -224,7 +226,7 @@ is_hidden  it may be a part of the contact of another track, which is ...
 doubted    the last contact was off its line, and not taken in
 shared     ... this one
 """
-CONTACT: Final = record({"i8": "link patch row track", "b1": "is_crowded", "3f8": "z r"})
+CONTACT: Final = record({"i8": "link patch row track age_ns", "b1": "is_crowded", "3f8": "z r"})
 """A contact of this cycle, its row and the track it went to, -1 for none; z is s, a, force, r their
 variances."""
 _TIMES: Final = ("born_ns", "seen_ns", "updated_ns")
@@ -271,12 +273,19 @@ class Tracker:
         """Take up a contact as soon as its patch is read, if that is within this time of the first cycle."""
         self._waiting.append((track, round(1e9 * within_s)))
 
-    def update(self, contacts: Contacts, t_ns: int, fresh: npt.ArrayLike | None = None) -> Tracks:
+    def update(
+        self,
+        contacts: Contacts,
+        t_ns: int,
+        fresh: npt.ArrayLike | None = None,
+        age_ns: npt.ArrayLike = 0,
+    ) -> Tracks:
         """Return the tracks after one cycle, those lifted in it included.
 
         contacts: of this cycle; the strongest 64 are looked at. Rows that are not finite are left out.
         t_ns:     time of the cycle.
         fresh:    (n_patches,) False where readings are missing; None for all there.
+        age_ns:   (n_patches,) how long before ``t_ns`` each patch was sampled.
 
         Raises:
             ValueError: ``fresh`` has the wrong shape.
@@ -286,6 +295,7 @@ class Tracker:
         if flags.shape != shape:
             raise ValueError(f"fresh must have shape {shape}, got {flags.shape}")
         c = self._usable(contacts) if len(contacts) else self._none
+        c["age_ns"] = np.broadcast_to(age_ns, shape)[c["patch"]]
         if self._waiting:
             self._take_up(t_ns, flags)
         dt = self._begin(t_ns)
@@ -363,7 +373,7 @@ class Tracker:
             self.last = identity, number
             c["track"][j] = len(self._tracks)
             place = (int(c["link"][j]), int(c["patch"][j]), *c["z"][j].tolist())
-            self._put(KeptTrack(identity, number, -1, *place), c["r"][j], t_ns)
+            self._put(KeptTrack(identity, number, -1, *place), c["r"][j], t_ns - int(c["age_ns"][j]))
             self._tracks["state"][-1], self._tracks["row"][-1] = TOUCH, j
         w = self._tracks
         for i in np.flatnonzero((w["slot"] < 0) & (w["row"] >= 0)).tolist():
@@ -441,7 +451,8 @@ def _price(
         for j in range(len(contacts)):
             c = contacts[j]
             if c.link == t.link and t_ns - t.seen_ns <= longest_ns:
-                away[i, j] = distance(on, x[0], x[1], c.z[0], c.z[1])
+                age = 1e-9 * c.age_ns
+                away[i, j] = distance(on, x[0] - age * x[2], x[1] - age * x[3], c.z[0], c.z[1])
     for j in range(len(contacts)):
         near, c = 0, contacts[j]
         for i in range(len(tracks)):
@@ -465,7 +476,7 @@ def _take(tracks: Rows, contacts: Rows, surface: Floats, dt: float, t_ns: int) -
             continue
         c, x, P = contacts[t.row], t["mean"], t["covariance"]
         t.s, t.a, t.force = c.z[0], c.z[1], c.z[2]
-        t.patch, t.missed, t.is_hidden, t.seen_ns = c.patch, 0, False, t_ns
+        t.patch, t.missed, t.is_hidden, t.seen_ns = c.patch, 0, False, t_ns - c.age_ns
         if dt > 0.0 and not t.shared:
             _correct(t, c, surface_of(surface, t.link), t_ns)
         noise2 = max(P[2, 2], P[3, 3])
@@ -493,10 +504,28 @@ def _off_line(t: Any, c: Any, on: LinkSurface, slack: float) -> tuple[float, flo
 
     slack: more of a place error, m
     """
-    x, P = t["mean"], t["covariance"]
-    ds, da = c.z[0] - x[0], wrap(c.z[1] - x[1], on.period)
-    css, caa = P[0, 0] + c.r[0] + slack * slack, P[1, 1] + c.r[1] + slack * slack
+    ds, _, _, css = _seen(t, c, on, 0)
+    da, _, _, caa = _seen(t, c, on, 1)
+    css += slack * slack
+    caa += slack * slack
     return ds * ds / css + da * da / caa, css * caa
+
+
+@inner_kernel
+def _seen(t: Any, c: Any, on: LinkSurface, k: int) -> tuple[float, float, float, float]:
+    """Return how far a contact is off a track along axis k when it was sampled, m.
+
+    Then the covariances of the place and the speed with that, and its variance.
+    """
+    x, P, v, age = t["mean"], t["covariance"], k + 2, 1e-9 * c.age_ns
+    off = c.z[k] - x[k] + age * x[v]
+    with_place, with_speed = P[k, k] - age * P[k, v], P[v, k] - age * P[v, v]
+    return (
+        wrap(off, on.period) if k == 1 else off,
+        with_place,
+        with_speed,
+        with_place - age * with_speed + c.r[k],
+    )
 
 
 @inner_kernel
@@ -514,14 +543,13 @@ def _correct(t: Any, c: Any, on: LinkSurface, t_ns: int) -> None:
     t.doubted = False
     t.updated_ns = t_ns
     for k in range(2):
-        v, y, total = k + 2, c.z[k] - x[k], P[k, k] + c.r[k]
-        if k == 1:
-            y = wrap(y, on.period)
-        x[k] += P[k, k] / total * y
-        x[v] += P[k, v] / total * y
-        P[v, v] -= P[k, v] * P[k, v] / total
-        P[k, k] *= c.r[k] / total
-        P[k, v] *= c.r[k] / total
+        y, p, q, total = _seen(t, c, on, k)
+        v = k + 2
+        x[k] += p / total * y
+        x[v] += q / total * y
+        P[v, v] -= q * q / total
+        P[k, k] -= p * p / total
+        P[k, v] -= p * q / total
         P[v, k] = P[k, v]
     total = P[4, 4] + c.r[2]
     x[4] += P[4, 4] / total * (c.z[2] - x[4])

@@ -139,10 +139,13 @@ class Cycle:
         fresh: Mask,
         level: str | None = None,
         budget_us: float | None = None,
+        *,
+        age_ns: npt.ArrayLike = 0,
     ) -> tuple[Contacts, Tracks]:
         """Return contacts and tracks of counts (n_tactels,), of which the ``fresh`` (n_patches,) count.
 
-        ``level`` and ``budget_us`` are those of the estimator's cycle.
+        ``level`` and ``budget_us`` are those of the estimator's cycle; ``age_ns`` (n_patches,) are the ages
+        of the readings at ``t_ns``.
         """
         np.subtract(counts, self._offset, out=self.pressures)
         self.pressures *= self._scale
@@ -162,7 +165,7 @@ class Cycle:
         if len(missing):
             self.pressures[missing] = 0.0  # what is shown is finite
             self._flag(contacts, missing)
-        tracks = self.tracker.update(contacts, t_ns, fresh)
+        tracks = self.tracker.update(contacts, t_ns, fresh, age_ns)
         self._widen(contacts)
         self._doubt_what_is_left(contacts)
         return contacts, tracks

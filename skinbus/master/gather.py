@@ -10,14 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skinbus.can.core import NEVER
 from skinbus.can.frame import FrameBatch
 from skinbus.master.freshness import Freshness
 from skinbus.master.patches.table import Mask
-from skinbus.objects.profile import SampleStatus
+from skinbus.objects.profile import AGE_STEP_NS, SampleStatus
 from skinbus.objects.readings import ReadingsPlan
 
 UNUSABLE = SampleStatus.OLD | SampleStatus.UNSETTLED
-"""Of another time than the SYNC, or of no pressure."""
+"""Of a time that is not known, or of no pressure."""
 
 
 @dataclass(slots=True)
@@ -43,8 +44,10 @@ class FrameCounters:
 class Gather:
     """Collects the frames of the open cycle; works in arrays allocated once."""
 
-    def __init__(self, plan: ReadingsPlan, n_tactels: int, freshness: Freshness) -> None:
-        """``freshness`` decides which frames answer the SYNC of their cycle."""
+    def __init__(
+        self, plan: ReadingsPlan, n_tactels: int, freshness: Freshness, max_age_ns: int = NEVER
+    ) -> None:
+        """``freshness`` decides which frames answer the SYNC of their cycle; older samples are not used."""
         self.plan = plan
         self.counters = FrameCounters()
         self.counts, self._unused_counts = np.zeros((2, n_tactels), np.int32)
@@ -58,6 +61,10 @@ class Gather:
         self.freshness = freshness
         self._stamps = plan.new_stamps()
         (self._with_status,) = np.nonzero(plan.stamped[:, 1])
+        (self._with_age,) = np.nonzero(plan.stamped[:, 2])
+        self._max_age_ns = max_age_ns
+        self.age_ns = np.zeros(n_patches, np.int64)
+        """(n_patches,) from the oldest sample in the readings of a patch to the SYNC that they answer."""
         self.owing = np.zeros(n_patches, np.bool_)
         """Patches that are to send readings in this cycle, (n_patches,)."""
         self._owed = 0
@@ -140,6 +147,11 @@ class Gather:
         if len(self._with_status):
             is_unusable = self._stamps[self._with_status, 1] & UNUSABLE != 0
             fresh[self.plan.pdo_patch[self._with_status[is_unusable]]] = False
+        if len(self._with_age):
+            low, high = self._stamps[self._with_age, 2:].T.astype(np.int64)
+            self.age_ns[:] = 0
+            np.maximum.at(self.age_ns, self.plan.pdo_patch[self._with_age], (low | high << 8) * AGE_STEP_NS)
+            fresh &= self.age_ns <= self._max_age_ns
         return self.freshness.judge(fresh)
 
     def _take_late(self, n: int, batch: FrameBatch) -> None:

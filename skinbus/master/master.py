@@ -80,7 +80,7 @@ class Master(Core):
         plan = ReadingsPlan(arm, ods)
         self.table = PatchTable(arm.n_patches)
         self.freshness = Freshness(plan, self.period_ns, follows=follows, overflow=arm.bus.sync_counter)
-        self.gather = Gather(plan, arm.n_tactels, self.freshness)
+        self.gather = Gather(plan, arm.n_tactels, self.freshness, 1_000_000 * arm.bus.max_age_ms)
         estimator = Estimator(arm, level=available or level, clock=clock)
         slowest = min(bus.bitrate for bus in arm.buses)
         self.level_control = LevelControl(
@@ -297,7 +297,9 @@ class Master(Core):
         since = clock()
         budget_us = self.level_control.budget_us(waited_ns + since - begin)
         level, counts = self.level_control.level, self.gather.counts
-        contacts, tracks = self.cycle.run(self._sync_ns, counts, fresh, level, budget_us)
+        contacts, tracks = self.cycle.run(
+            self._sync_ns, counts, fresh, level, budget_us, age_ns=self.gather.age_ns
+        )
         estimated = clock()
         fresh &= ~self.cycle.plausibility.is_withheld
         self.table.last_fresh[fresh] = self._sync_ns

@@ -41,6 +41,8 @@ class BusSettings:
     """Where the bus is unless the user says otherwise."""
     sync_counter: int = 0
     """Value after which the counter of SYNC starts again at 1 (0x1019); 0: SYNC carries none."""
+    max_age_ms: int = 100
+    """Oldest sample that is used: two periods of the slowest skins, so that one lost frame costs nothing."""
 
 
 @dataclass(frozen=True, slots=True)

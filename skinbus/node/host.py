@@ -20,7 +20,7 @@ from skinbus.can.event import Event
 from skinbus.can.frame import REMOTE_ID, RTR, Frame
 from skinbus.node.device import Device
 from skinbus.objects.cia import READINGS, SOURCE_STOPPED, SYNC_ID, TACTELS_FAILED, EmcyCode, NmtState
-from skinbus.objects.profile import HEALTHY_TACTELS, index_of
+from skinbus.objects.profile import AGE_STEP_NS, HEALTHY_TACTELS, SAMPLE_AGE, has, index_of
 
 
 class Sample(NamedTuple):
@@ -66,6 +66,14 @@ class PatchHost(Core):
         self._shown: Sample | None = None
         self._healthy = np.ones(ends[-1], np.bool_)
         self._lowest = np.concatenate([np.full(len(v), np.iinfo(v.dtype).min) for v in self._shows])
+        self._ages = [
+            device.image_view(*index_of(od, SAMPLE_AGE), 1)
+            if has(od := device.layout.od, SAMPLE_AGE)
+            else None
+            for device in devices
+        ]
+        """Where the TPDOs of each patch find the age of its sample."""
+        self._age = np.zeros(len(devices), np.int64)
         self._cleared = [0] * len(devices)
         """Bits of "Healthy tactels" that were set and are not now."""
         for i, device in enumerate(devices):
@@ -130,6 +138,11 @@ class PatchHost(Core):
         """Put the newest readings where the TPDOs find them."""
         shown, sample = self._shown, self._source(now_ns)
         self._shown = sample
+        age = np.clip((now_ns - sample.t_ns) // AGE_STEP_NS, 0, 0xFFFF)
+        for i in np.flatnonzero(age != self._age).tolist():
+            if (view := self._ages[i]) is not None:
+                view[0] = age[i]
+        self._age = age
         if shown and sample.counts is shown.counts and sample.healthy is shown.healthy:
             return
         if not shown or sample.healthy is not shown.healthy:
@@ -163,8 +176,7 @@ class PatchHost(Core):
                 device.emcy(EmcyCode.HARDWARE, data=fault)
             else:
                 device.emcy_clear(EmcyCode.HARDWARE, fault)
-        od = device.layout.od
-        if HEALTHY_TACTELS.object in od.names:
+        if has(od := device.layout.od, HEALTHY_TACTELS):
             place = index_of(od, HEALTHY_TACTELS)
             others = device.get(*place) | self._cleared[i]
             bits = int.from_bytes(np.packbits(own, bitorder="little").tobytes(), "little")

@@ -16,7 +16,7 @@ from skinbus.node.mapping import packer
 from skinbus.node.pdo_rules import PdoRules
 from skinbus.objects.cia import SYNC_COUNTER_OVERFLOW, SYNC_WINDOW, EmcyCode, NmtState, TransmissionType
 from skinbus.objects.pdo import Direction, PdoMap, pdo_numbers, readings_in
-from skinbus.objects.profile import SAMPLE_STATUS, index_of
+from skinbus.objects.profile import SAMPLE_STATUS, has, index_of
 
 _make_frame = tuple.__new__
 
@@ -73,7 +73,7 @@ class TpdoService:
         self._is_late = False
         self._is_withheld = False
         od = dictionary.layout.od
-        self._status = index_of(od, SAMPLE_STATUS) if SAMPLE_STATUS.object in od.names else None
+        self._status = index_of(od, SAMPLE_STATUS) if has(od, SAMPLE_STATUS) else None
         for number in pdo_numbers(dictionary.layout.od, Direction.TPDO):
             rules = PdoRules(self.values, Direction.TPDO, number)
             self.pdos[number] = Tpdo(

@@ -50,8 +50,10 @@ PRODUCT: Final = 0x6000
 N_SHIPPED: Final = 0x10
 """Tactels of the shipped boards; only arrays by tactel have so many elements."""
 
-SAMPLING: Final = (0x2070_01_08, 0x2070_02_08)
-"""Mapped behind the readings of each TPDO on CAN FD: SYNC counter and status of the sample."""
+SAMPLING: Final = (0x2070_01_08, 0x2070_02_08, 0x2070_03_10)
+"""SYNC counter, status and age of the sample: mapped behind the readings of a TPDO where there is room.
+
+On CAN FD two always are; on classic CAN the age comes first, since a counter in some TPDOs proves little."""
 
 PLACE: Final = 0x5F00
 """Where tactels are described in the DCF of a module: the end of the manufacturer's area, which few use."""
@@ -105,9 +107,16 @@ class NewBoard:
         """Entries that each TPDO maps."""
         index = cia.READ_ANALOGUE_16 if self.reading_bits == 16 else cia.READ_ANALOGUE_8
         readings = [index << 16 | k << 8 | self.reading_bits for k in range(1, self.n_tactels + 1)]
-        tail = SAMPLING if self.canfd else ()
-        most = 8 * (MAX_BYTES if self.canfd else CLASSIC_BYTES) // self.reading_bits - len(tail) // 2
-        return [[*readings[k : k + most], *tail] for k in range(0, len(readings), most)]
+        most_bits, stamps = (8 * MAX_BYTES, SAMPLING) if self.canfd else (8 * CLASSIC_BYTES, SAMPLING[::-1])
+        most = (most_bits - 16 * self.canfd) // self.reading_bits
+        mapped = [readings[k : k + most] for k in range(0, len(readings), most)]
+        for entries in mapped:
+            room = most_bits - len(entries) * self.reading_bits
+            for stamp in stamps:
+                if (bits := stamp & 0xFF) <= room:
+                    entries.append(stamp)
+                    room -= bits
+        return mapped
 
     def text(self) -> str:
         """Return the EDS."""

@@ -53,6 +53,9 @@ COMMUNICATION_CHECKSUM = Name("Communication checksum")
 """What a board holds now, see ``dcf.checksum``; boards of others need not have it."""
 SAMPLE_COUNTER = Name("Sampling", "SYNC counter of sample")
 SAMPLE_STATUS = Name("Sampling", "Sample status")
+SAMPLE_AGE = Name("Sampling", "Sample age 100us")
+"""Time from sampling to the SYNC; AGE_STEP_NS each, 0xFFFF for that or more."""
+AGE_STEP_NS = 100_000
 FRAME_BYTES = Name("Board", "Frame bytes")
 """Most bytes of a PDO of a board on CAN FD; others do not have it."""
 
@@ -61,7 +64,7 @@ class SampleStatus(IntFlag):
     """Bits of "Sample status": why the readings of a frame are not those of its SYNC, or are doubtful."""
 
     OLD = 0x01
-    """Sampled before the SYNC, by a converter that runs freely or was not ready."""
+    """Sampled before the SYNC, nobody knows when: the converter was not ready, or has stopped."""
     UNSETTLED = 0x02
     """The converter or its supply has not settled since the start."""
     ERROR = 0x04
@@ -165,6 +168,12 @@ def index_of(od: ObjectDictionary, name: Name) -> tuple[int, int]:
     if name.object not in od.names:
         raise KeyError(f"no object {str(name)!r} in the object dictionary")
     return od.names[name.object].index, 0
+
+
+def has(od: ObjectDictionary, name: Name) -> bool:
+    """Return whether a dictionary has an object, and the member of it that is named."""
+    found = od.names.get(name.object)
+    return found is not None and (not name.member or name.member in getattr(found, "names", ()))
 
 
 def current(variable: ODVariable) -> int | float | str | bytes | None:

@@ -4,8 +4,8 @@ The mapping of every patch is compiled to flat columns: a table from identifier 
 the tactels, bit offsets and lengths of its readings. A frame that is not a plain data frame, that has
 an identifier unknown on its bus or the wrong length is counted and changes nothing.
 
-A PDO may also map the stamp of its readings: the SYNC counter of their sample and its status
-(``profile.SAMPLE_COUNTER``, ``profile.SAMPLE_STATUS``), each in a byte of its own.
+A PDO may also map the stamp of its readings: the SYNC counter of their sample, its status and its age
+(``profile.SAMPLE_COUNTER``, ``SAMPLE_STATUS``, ``SAMPLE_AGE``), each in bytes of its own.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from canopen.objectdictionary import ObjectDictionary
 from skinbus.can.frame import ERROR, EXTENDED, MAX_DATA, RTR, FrameBatch
 from skinbus.model import Arm, PlacedPatch
 from skinbus.objects.pdo import PdoMap, carries_readings, readings_in, tpdos
-from skinbus.objects.profile import SAMPLE_COUNTER, SAMPLE_STATUS, index_of
+from skinbus.objects.profile import SAMPLE_AGE, SAMPLE_COUNTER, SAMPLE_STATUS, Name, has, index_of
 
 Counts = npt.NDArray[np.int32]
 Stamps = npt.NDArray[np.uint8]
@@ -76,7 +76,8 @@ class ReadingsPlan:
     counts_offset: (n_tactels,) counts at no pressure
     pdo_patch:     (n_frames,) patch of each PDO with readings
     pdo_bit:       (n_frames,) bit of each PDO in ``expected``
-    stamped:       (n_frames, 2) bool, whether a PDO carries the SYNC counter and the status of its sample
+    stamped:       (n_frames, 4) bool, whether a PDO carries the SYNC counter, the status and the age (two
+                   bytes) of its sample
     """
 
     def __init__(self, arm: Arm, ods: Sequence[ObjectDictionary]) -> None:
@@ -109,7 +110,7 @@ class ReadingsPlan:
         self.counts_scale = np.repeat(np.array(steps, np.float64), np.diff(arm.patch_start))
         self.counts_offset = arm.tactel_offset
         stamps = [_stamp(ods[p], pdo) for p, _, pdo in found]
-        self._stamp = np.array(stamps, np.int32).reshape(-1, 2)
+        self._stamp = np.array(stamps, np.int32).reshape(-1, 4)
         self.stamped = self._stamp >= 0
         # Entries of each PDO, (n_frames, most entries): short PDOs repeat theirs, which changes nothing.
         entries = [_entries(p, pdo, arm.patches[p], int(arm.patch_start[p])) for p, _, pdo in found]
@@ -131,8 +132,8 @@ class ReadingsPlan:
         return most
 
     def new_stamps(self) -> Stamps:
-        """Return room for the stamps of all PDOs, (n_frames, 2) uint8: SYNC counter and status; zeros."""
-        return np.zeros((self.n_frames, 2), np.uint8)
+        """Return room for the stamps of all PDOs, (n_frames, 4) uint8, as ``stamped``; zeros."""
+        return np.zeros((self.n_frames, 4), np.uint8)
 
     def unpack(
         self,
@@ -151,7 +152,7 @@ class ReadingsPlan:
             counts: (n_tactels,) int32; only tactels whose frame came are written.
             seen:   (n_patches,) int32; bits are added, never taken away.
             wrong:  (n_patches,) int32; a patch's frames of wrong length are added.
-            stamps: (n_frames, 2) uint8; SYNC counter and status of the PDOs that came and carry them.
+            stamps: (n_frames, 4) uint8, as ``stamped``; of the PDOs that came and carry them.
             answers: the account of SYNCs and their answers, which is kept.
         """
         frames = batch.frames[: batch.n]
@@ -250,9 +251,12 @@ def _entries(
     return entries
 
 
-def _stamp(od: ObjectDictionary, pdo: PdoMap) -> tuple[int, int]:
-    """Return the bytes of a PDO that hold the SYNC counter and the status of its sample, -1 without."""
-    if SAMPLE_COUNTER.object not in od.names:
-        return -1, -1
-    at = {(e.index, e.sub): e.offset // 8 for e in pdo.entries if e.bits == 8 and e.offset % 8 == 0}
-    return at.get(index_of(od, SAMPLE_COUNTER), -1), at.get(index_of(od, SAMPLE_STATUS), -1)
+def _stamp(od: ObjectDictionary, pdo: PdoMap) -> tuple[int, int, int, int]:
+    """Return the bytes of a PDO that hold the counter, status and age of its sample, -1 without."""
+    at = {(e.index, e.sub, e.bits): e.offset // 8 for e in pdo.entries if e.offset % 8 == 0}
+
+    def of(name: Name, bits: int) -> int:
+        return at.get((*index_of(od, name), bits), -1) if has(od, name) else -1
+
+    age = of(SAMPLE_AGE, 16)
+    return of(SAMPLE_COUNTER, 8), of(SAMPLE_STATUS, 8), age, age + (age >= 0)

@@ -1,6 +1,7 @@
 """The filter and the assignment of tracks against textbook and SciPy, invariances, and long runs."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -10,17 +11,20 @@ from tests.estimate.track_rig import ARM, PERIOD_NS, SURFACES, Film, contacts
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def test_filter_is_the_textbook_filter():
+@pytest.mark.parametrize("age_ms", [0, 45])
+def test_filter_is_the_textbook_filter(age_ms):
     """Of place, velocity and force on a plane, where s, a and force are independent."""
     rng = np.random.default_rng(4)
     film, H = Film(), np.zeros((3, 5))
     H[0, 0] = H[1, 1] = H[2, 4] = 1.0
+    H[0, 2] = H[1, 3] = -1e-3 * age_ms
     x, P = np.zeros(5), np.zeros((5, 5))
     for n in range(200):
         dt_ns = int(rng.integers(1_000_000, 40_000_000))
         R = np.diag([1e-3, 2e-3, 0.3]) ** 2
         z = np.array([0.2, 0.0, 5.0]) + 0.5 * rng.normal(size=3) * [1e-3, 2e-3, 0.3]
-        tracks = film.show((1, *z), after_ns=dt_ns, covariance=[R])
+        tracks = film.show((1, *z), after_ns=dt_ns, age_ns=1_000_000 * age_ms, covariance=[R])
+        assert tracks.t_ns - tracks.seen_ns == 1_000_000 * age_ms
         if n == 0:
             x[[0, 1, 4]], P[:] = z, np.diag([R[0, 0], R[1, 1], 0.7**2, 0.7**2, R[2, 2]])
         else:

@@ -53,6 +53,6 @@ class Film:
         self.tracker = Tracker(ARM, **settings)
         self.t_ns = 0
 
-    def show(self, *rows, fresh=None, after_ns=PERIOD_NS, **more):
+    def show(self, *rows, fresh=None, after_ns=PERIOD_NS, age_ns=0, **more):
         self.t_ns += after_ns
-        return self.tracker.update(contacts(*rows, **more), self.t_ns, fresh)
+        return self.tracker.update(contacts(*rows, **more), self.t_ns, fresh, age_ns)

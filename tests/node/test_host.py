@@ -17,7 +17,7 @@ class Rig:
 
     def __init__(self, eds="skin-patch"):
         self.counts, self.healthy = np.zeros((3, 16), np.int32), np.ones((3, 16), np.bool_)
-        self.n_asked = 0
+        self.n_asked, self.age_ns = 0, 0
         self.host = PatchHost([Device(load_eds(eds, n), n) for n in (1, 2, 3)], self.newest)
         self.now_ns = 0
         self.host.step(0)
@@ -25,7 +25,7 @@ class Rig:
 
     def newest(self, now_ns):
         self.n_asked += 1
-        return Sample(self.counts.ravel(), np.full(3, now_ns), self.healthy.ravel())
+        return Sample(self.counts.ravel(), now_ns - np.full(3, self.age_ns), self.healthy.ravel())
 
     def hear(self, frame):
         return self.host.step(self.now_ns, [frame]).frames
@@ -104,6 +104,16 @@ def test_where_the_status_of_samples_is_mapped_a_stopped_source_is_marked():
     marks = [frame.data[33] for frame in rig.hear(Frame(0x080)) if len(frame.data) > 32]
     assert marks == [0x05, 0, 0], "older than the SYNC, and an error is there"
     assert set(said[1][:16]) == {-0x8000}
+
+
+@pytest.mark.parametrize(("age_us", "mapped"), [(0, 0), (250, 2), (43_219, 432), (7e6, 0xFFFF), (-9e3, 0)])
+def test_age_of_a_sample_is_that_at_its_sync_and_saturates(age_us, mapped):
+    rig = Rig("skin-patch-fd")
+    rig.age_ns = int(1e3 * age_us)
+    rig.now_ns += PERIOD_MS * MS
+    frames = rig.hear(Frame(0x080))
+    assert [int.from_bytes(frame.data[34:36], "little") for frame in frames] == [mapped] * 3
+    assert {frame.data[33] for frame in frames} == {0}, "not of a source that has stopped"
 
 
 def test_patch_that_starts_while_its_source_stands_still_says_so_after_its_boot(rig):

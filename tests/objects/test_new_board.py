@@ -89,3 +89,21 @@ def test_what_cannot_be_is_refused(change, said):
     usual = {"name": "x.eds", "tactels_uv": grid(6, 6, 8e-3), "pitch": 8e-3, "bits": 12}
     with pytest.raises(ValueError, match=said):
         NewBoard(**(usual | change))
+
+
+@pytest.mark.parametrize(
+    ("grid_of", "bits", "canfd", "stamps"),
+    [
+        ((5, 2), 12, False, [[], [], [3, 2, 1]]),
+        ((5, 3), 12, False, [[], [], [], [3]]),
+        ((7, 1), 8, False, [[2]]),
+        ((4, 4), 12, False, [[], [], [], []]),
+        ((4, 4), 12, True, [[1, 2, 3]]),
+        ((8, 4), 12, True, [[1, 2], [1, 2, 3]]),
+    ],
+)
+def test_age_of_samples_is_mapped_where_there_is_room(grid_of, bits, canfd, stamps, tmp_path):
+    board = NewBoard(name="my.eds", tactels_uv=grid(*grid_of, 8e-3), pitch=8e-3, bits=bits, canfd=canfd)
+    (tmp_path / "my.eds").write_text(board.text())
+    sent = [pdo for pdo in tpdos(load_eds(tmp_path / "my.eds", 7)) if pdo.valid]
+    assert [[e.sub for e in pdo.entries if e.index == 0x2070] for pdo in sent] == stamps

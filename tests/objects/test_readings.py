@@ -120,7 +120,7 @@ def test_unmapped_objects_and_dummies_beside_readings_take_room_only():
         (
             "skin-patch-fd32",
             (8, 4),
-            [(0x181, 64, bus_frame.LONG), (0x281, 4, 0), (0x182, 64, bus_frame.LONG), (0x282, 4, 0)],
+            [(0x181, 64, bus_frame.LONG), (0x281, 6, 0), (0x182, 64, bus_frame.LONG), (0x282, 6, 0)],
         ),
     ],
 )
@@ -128,7 +128,7 @@ def test_readings_of_can_fd_and_their_stamps_are_long_frames_both_ways(eds, n, f
     plan = expected_node(eds, (1, 2), n)
     rng = np.random.default_rng(8)
     counts = rng.integers(-(2**15), 2**15, plan.n_tactels, np.int32)
-    stamps = rng.integers(0, 256, (plan.n_frames, 2), np.uint8)
+    stamps = rng.integers(0, 256, (plan.n_frames, 4), np.uint8) * plan.stamped
     batch = FrameBatch(len(frames))
     assert pack(plan, counts, batch, stamps=stamps) == len(frames)
     assert [(frame.can_id, len(frame.data), frame.flags) for frame in batch] == frames
@@ -136,7 +136,8 @@ def test_readings_of_can_fd_and_their_stamps_are_long_frames_both_ways(eds, n, f
     assert plan.unpack(batch, back, seen, stamps=stamps_back) == (len(frames), 0, 0)
     np.testing.assert_array_equal(back, counts)
     assert (seen == plan.expected).all()
-    assert plan.stamped.all()
+    assert plan.stamped[:, :2].all(), "counter and status"
+    assert plan.stamped[:, 2:].any(axis=1).tolist() == [length != 64 for _, length, _ in frames], "and an age"
     np.testing.assert_array_equal(stamps_back, stamps)
     assert plan.cob_ids == {cob_id for cob_id, _, _ in frames}
     per_patch = len(frames) // 2
@@ -147,8 +148,8 @@ def test_frames_that_do_not_come_leave_their_stamps():
     plan = expected_node("skin-patch-fd32", (1,), (8, 4))
     counts, seen, stamps = np.zeros(32, np.int32), np.zeros(1, np.int32), plan.new_stamps()
     batch = FrameBatch(2)
-    pack(plan, counts, batch, stamps=np.array([[7, 1], [8, 2]], np.uint8))
+    pack(plan, counts, batch, stamps=np.array([[7, 1, 0, 0], [8, 2, 3, 4]], np.uint8))
     batch.drop(1)
     plan.unpack(batch, counts, seen, stamps=stamps)
-    assert stamps.tolist() == [[0, 0], [8, 2]]
+    assert stamps.tolist() == [[0, 0, 0, 0], [8, 2, 3, 4]]
     assert seen.tolist() == [2]
