@@ -34,6 +34,7 @@ GROUPS = {
     "Boards": {
         "scan": "List the nodes on a bus; give node-IDs; find which board sits where.",
         "configure": "Write the configuration of an arm into its patches, and store it there.",
+        "patch": "Make a sensor that Python can read a patch on a CAN bus.",
         "board": "Make the EDS of your own board, check its file and its firmware.",
     },
     "Calibration": {"calibrate": "Learn contact law, gains and noise of boards from presses; locate boards."},

@@ -26,8 +26,10 @@ from pathlib import Path
 
 import numpy as np
 
+from skinbus.can.clock import VirtualClock
 from skinbus.can.core import NEVER, receives
 from skinbus.can.frame import RTR, Frame
+from skinbus.gateway.reader import Reader
 from skinbus.node import Device, PatchHost, Sample
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects.cia import (
@@ -47,7 +49,7 @@ NS_PER_MS = 1_000_000
 SERIAL = 0x00C0FFEE
 DEVICES = dict.fromkeys(("patch", "hosted", "firmware"), ("skin-patch", 5))
 DEVICES["master"] = ("skin-master", 127)
-"""A device by itself, in a host that gives it its readings, as firmware, and the master's."""
+"""A device by itself, in a host that has its readings from a reader, as firmware, and the master's."""
 
 To = {"pre": NmtCommand.PRE_OPERATIONAL, "op": NmtCommand.START, "stopped": NmtCommand.STOP}
 
@@ -225,6 +227,7 @@ class Bench:
         self.is_broken = storage == "broken"
         self.storage = (FLASHES if which == "firmware" else STORAGES)[storage]()
         self.counts = np.zeros(16, np.int32)
+        self.reader = Reader(lambda: self.counts, 16, bits=16)
         self.node_id = node_id or DEVICES[which][1]
         self.now_ns = 0
         self.power_on()
@@ -261,7 +264,8 @@ class Bench:
         self.device.image_view(0x6401, 1, 16)[:] = self.counts
 
     def newest(self, now_ns) -> Sample:
-        return Sample(self.counts, np.array([now_ns]), np.ones(16, np.bool_))
+        self.reader.call(VirtualClock(now_ns))
+        return self.reader.newest(now_ns)
 
     def boot(self) -> None:
         self.step()

@@ -1,0 +1,18 @@
+"""A sensor that is not there: in the second half of each minute a finger goes round on 16 tactels.
+
+skinbus patch skin-patch --reader made_up_pad:read --node 5 --interface udp_multicast
+"""
+
+import time
+
+import numpy as np
+
+START_S = time.monotonic()
+v, u = np.divmod(np.arange(16), 4) - np.array([[1.5], [1.5]])  # in pitches from the middle of 4 x 4 tactels
+
+
+def read():
+    """Return counts (16,): 32767 is full scale."""
+    t_s = time.monotonic() - START_S
+    distance2 = (u - np.cos(t_s)) ** 2 + (v - np.sin(t_s)) ** 2
+    return 8000 * np.exp(-distance2) * (t_s % 60 > 30)
