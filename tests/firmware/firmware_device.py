@@ -58,7 +58,8 @@ class Code:
             ("library_out", frame, handle),
             ("library_readings", c.POINTER(c.c_int16), handle),
             ("library_n_out", c.c_uint, handle),
-            ("library_be", None, handle, u8, u16, u32),
+            ("library_sample", None, handle, u8, u16),
+            ("library_supply", None, handle, u32),
             ("library_value", u32, handle, u16, u8),
             ("library_state", u32, handle),
             ("library_ids", c.c_uint, handle, handle),
@@ -105,14 +106,15 @@ class FirmwareDevice(Core):
         self._at = c.addressof(self._memory)
         place = None if flash is None else c.addressof(c.c_char.from_buffer(flash))
         self.library.library_init(self._at, node_id, serial, place, 0 if flash is None else len(flash) // 2)
-        self.library.library_be(self._at, 0, 0, n_writes)
-        self._n_writes = n_writes
+        self.library.library_supply(self._at, n_writes)
         self._out = self.library.library_out(self._at)
         n = len(self.layout.subs(next(i for i in (0x6401, 0x6400) if i in self.layout.indices)))
         self.readings = np.ctypeslib.as_array(self.library.library_readings(self._at), (n,))
         self._ids, self._ids_seen, self._cob_ids = (c.c_uint16 * 256)(), b"-", frozenset()
         self._hook = HOOK()
-        self._now_us = 0
+        self.age = np.zeros(1, np.uint16)
+        """Of the next samples, 100 us."""
+        self._status = 0
 
     @property
     def nmt_state(self):
@@ -141,14 +143,10 @@ class FirmwareDevice(Core):
 
     @sample_status.setter
     def sample_status(self, status):
-        self.be(status, 0)
+        self._status = int(status)
 
     def stop_readings(self, is_stopped):
-        self.be(int(is_stopped), 0)
-
-    def be(self, status, age_100us):
-        """Say what the next samples are."""
-        self.library.library_be(self._at, status, age_100us, self._n_writes)
+        self._status = int(is_stopped)
 
     @property
     def on_write(self):
@@ -164,7 +162,8 @@ class FirmwareDevice(Core):
         self.library.library_on_write(self._at, self._hook)
 
     def image_view(self, index, sub, n):
-        assert index in (0x6401, 0x6400)
+        if index == 0x2070:
+            return self.age
         return self.readings[sub - 1 : sub - 1 + n]
 
     def get(self, index, sub=0):
@@ -191,6 +190,7 @@ class FirmwareDevice(Core):
     def step(self, now_ns, frames=()):
         now_us = now_ns // 1000
         took = []
+        self.library.library_sample(self._at, self._status, int(self.age[0]))
         for frame in frames:
             if frame.flags not in (0, RTR) and frame.flags != LONG:
                 continue  # a port does not pass on others

@@ -12,7 +12,8 @@ void library_init(struct library *, uint8_t node_id, uint32_t serial, uint8_t *f
 struct sb_frame *library_out(struct library *);
 int16_t *library_readings(struct library *);
 unsigned library_n_out(struct library *);
-void library_be(struct library *, uint8_t status, uint16_t age_100us, uint32_t n_writes);
+void library_sample(struct library *, uint8_t status, uint16_t age_100us);
+void library_supply(struct library *, uint32_t n_writes);
 
 static uint32_t state;
 
@@ -81,13 +82,14 @@ int main(int n, char **words)
     for (unsigned long i = 0; i < n_frames; i++) {
         struct sb_frame frame;
         if (random_below(3000) == 0 || b->node_id == SB_UNCONFIGURED) {
-            library_be(library, 0, 0, UINT32_MAX);
+            library_supply(library, UINT32_MAX);
             library_init(library, random_below(10) ? 5 : SB_UNCONFIGURED, 1, flash, page);
             if (b->node_id == SB_UNCONFIGURED && random_below(4))
                 library_init(library, 5, 1, flash, 0);
         }
         if (random_below(500) == 0)
-            library_be(library, (uint8_t)random_below(4), (uint16_t)random_below(65536), random_below(60));
+            library_supply(library, random_below(60));
+        library_sample(library, (uint8_t)random_below(4), (uint16_t)random_below(65536));
         library_readings(library)[random_below(SB_N_TACTELS)] = (int16_t)random_below(65536);
         make(&frame, b->node_id);
         now += random_below(4) ? random_below(3000) : random_below(2000000);

@@ -100,6 +100,14 @@ def test_firmware_answers_as_the_simulated_patch(eds, seeds):
         run_both(eds, seed, 1000 if seed > 1 else 200)
 
 
+def test_age_of_a_sample_is_sent_with_it():
+    device = board("skin-patch-fd")
+    device.step(1000)
+    device.image_view(0x2070, 3, 1)[:] = 123
+    (frame,) = device.step(2000, [Frame(0, b"\x01\0"), Frame(0x80)]).frames
+    assert frame.data[32:36] == struct.pack("<BBH", 0, 0, 123)
+
+
 @pytest.mark.parametrize("n_frames", [10_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 def test_random_frames_do_no_harm(tmp_path, n_frames):
     write_project("skin-patch-fd32", tmp_path)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import random
 import struct
 from collections.abc import Iterator
+from pathlib import Path
 
 from skinbus.can.fd import CLASSIC_BYTES, LENGTHS
 from skinbus.can.frame import RTR, Frame
 from skinbus.node.layout import ImageLayout
 
 WATCHED = 9
+STAMP = 0x2070
 STEPS_US = (0, 0, 0, 1, 50, 1_000, 5_000, 20_000, 100_000, 700_000, 1_200_000)
 COMMANDS = (1, 1, 1, 2, 128, 128, 129, 130, 3)
 SIGNATURES = (b"save", b"load", b"evas")
@@ -24,7 +26,10 @@ class Traffic:
         self.node_id = node_id
         # the simulated patch leaves the stamp of the last SYNC on samples for events, the firmware does not
         self.has_events = layout.max_pdo_bits == 8 * CLASSIC_BYTES
-        self.entries = list(layout.entries.values())
+        lines = (Path(__file__).parent / "traffic.txt").read_text().splitlines()
+        self.table = [line.partition(";")[0] for line in lines if self.has_events or ";" not in line]
+        entries = layout.entries.values()
+        self.entries = [e for e in entries if not (self.has_events and e.index == STAMP)]
         self.parameters = [e for e in self.entries if 0x1000 < e.index < 0x1F00 and e.writable]
         self.kinds = (
             *[self.sync] * 6,
@@ -40,7 +45,6 @@ class Traffic:
             self.rpdo,
             self.store,
             self.junk,
-            self.pdo_off,
         )
 
     def __iter__(self) -> Iterator[tuple[int, Frame | None]]:
@@ -73,41 +77,11 @@ class Traffic:
 
     def configure(self) -> Frame:
         """A write of what matters most, with a value that makes sense."""
-        rng, node, on = self.rng, self.node_id, self.has_events
-        tpdo = 0x1800 + rng.randrange(2)
-        index, sub, size, value = rng.choice(
-            (
-                (tpdo, 2, 1, rng.choice((0, 1, 1, 2, 3, 241, *(254, 255) * on))),
-                (tpdo, 5, 2, rng.choice((0, 20))),
-                (tpdo, 1, 4, 0x40000180 + node),
-                (tpdo, 3, 2, rng.choice((0, 30))),
-                (tpdo, 6, 1, rng.randrange(4)),
-                (0x1017, 0, 2, rng.choice((0, 50, 700))),
-                (0x1019, 0, 1, rng.choice((0, 5, 1))),
-                (0x1007, 0, 4, rng.choice((0, 40, 2000))),
-                (0x1016, 1, 4, WATCHED << 16 | rng.choice((0, 30, 100))),
-                (0x1029, 1, 1, rng.randrange(4)),
-                (0x100C, 0, 2, 20),
-                (0x100D, 0, 1, rng.choice((0, 2))),
-                (0x6423, 0, 1, on),
-                (0x6426, 1, 4, rng.randrange(50)),
-                (0x6421, 1, 1, rng.randrange(8)),
-                (0x1400, 1, 4, 0x200 + node),
-                (0x1400, 2, 1, rng.choice((1, 255))),
-                (0x1400, 5, 2, rng.choice((0, 40))),
-                (0x1A00, 0, 1, 0),
-                (0x1A00, 1, 4, rng.choice((0x64010110, 0x10010008, 0x20500020, 0))),
-                (0x1A00, 0, 1, 1),
-                (0x1015, 0, 2, rng.choice((0, 10))),
-                (0x1020, 1, 4, 77),
-                (0x1014, 0, 4, rng.choice((0x80000085, 0x85))),
-            )
-        )
-        return self.sdo(0x23 | (4 - size) << 2, index, sub, value.to_bytes(4, "little"))
-
-    def pdo_off(self) -> Frame:
-        value = 0xC0000180 + self.node_id
-        return self.sdo(0x23, 0x1800 + self.rng.randrange(2), 1, value.to_bytes(4, "little"))
+        place, size, *values = self.rng.choice(self.table).split()
+        index, sub = (int(word, 16) for word in place.split(":"))
+        value = self.rng.choice(values)
+        number = int(value.rstrip("n"), 16) + self.node_id * value.endswith("n")
+        return self.sdo(0x23 | (4 - int(size)) << 2, index, sub, number.to_bytes(4, "little"))
 
     def store(self) -> Frame:
         index, sub = self.rng.choice((0x1010, 0x1011)), self.rng.randrange(1, 6)

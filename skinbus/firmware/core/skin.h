@@ -59,7 +59,7 @@ struct sb_frame {
     uint8_t data[SB_FRAME_BYTES];
 };
 enum { SB_REMOTE = 1, SB_FD = 2 };
-enum { SB_OLD = 1, SB_UNSETTLED = 2 }; /* what a sample may be, see docs/profile.md */
+enum { SB_OLD = 1, SB_UNSETTLED = 2 }; /* nobody knows when it was sampled; the converter has not settled */
 
 struct sb_board;
 
@@ -69,7 +69,7 @@ bool can_send(struct sb_board *b, const struct sb_frame *frame, bool urgent); /*
 bool can_receive(struct sb_board *b, struct sb_frame *frame); /* false: no more */
 uint32_t micros(struct sb_board *b);                          /* may wrap around */
 uint8_t sample(struct sb_board *b, int16_t readings[SB_N_TACTELS], uint16_t *age_100us); /* left-adjusted;
-    returns SB_OLD, SB_UNSETTLED or 0 */
+    returns SB_OLD, SB_UNSETTLED or 0; age: time from sampling to now */
 bool flash_read(struct sb_board *b, unsigned page, size_t at, uint8_t *data, size_t n);
 bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t data[8]); /* at 0: erases the page */
 

@@ -90,10 +90,14 @@ unsigned library_n_out(struct library *library)
     return n;
 }
 
-void library_be(struct library *library, uint8_t status, uint16_t age_100us, uint32_t n_writes)
+void library_sample(struct library *library, uint8_t status, uint16_t age_100us)
 {
     library->status = status;
     library->age_100us = age_100us;
+}
+
+void library_supply(struct library *library, uint32_t n_writes)
+{
     library->n_writes = n_writes;
 }
 

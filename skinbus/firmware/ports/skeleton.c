@@ -36,8 +36,8 @@ uint8_t sample(struct sb_board *b, int16_t readings[SB_N_TACTELS], uint16_t *age
 {
     /* Called on SYNC: convert all tactels now, in less than 4 ms. A converter of 12 bits: raw << 3; for a board
      * with 8-bit readings raw >> 5. Tactel k of the EDS is readings[k - 1]. Return SB_UNSETTLED until the supply
-     * and the converter have settled, SB_OLD if the readings are not new. A converter that runs by itself sets
-     * *age_100us, the time since it sampled. */
+     * and the converter have settled. A converter that runs by itself sets *age_100us, the time since it sampled;
+     * SB_OLD if nobody knows. */
     (void)b, (void)age_100us;
     for (unsigned k = 0; k < SB_N_TACTELS; k++)
         readings[k] = 0;

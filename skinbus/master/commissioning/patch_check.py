@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -17,6 +18,7 @@ from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.can.core import Step
 from skinbus.can.frame import Frame
+from skinbus.master.commissioning.dialogues import Dialogue, Speaker, load_dialogues
 from skinbus.master.commissioning.node_id_assignment import LssMaster
 from skinbus.master.commissioning.sessions import Listen, Reply, Request, Script, ScriptCore, Timeouts
 from skinbus.node.nmt import nmt_frame
@@ -520,11 +522,14 @@ def _lss(patch: PatchCheck) -> Check:
     lss, address = LssMaster(ANSWER_NS), []
     for sub in range(cia.IDENTITY_VENDOR, cia.IDENTITY_SERIAL + 1):
         address.append((yield from _number(cia.IDENTITY, sub)))
+    is_other = yield from lss.select([*address[:-1], address[-1] ^ 1])
+    _need(not is_other, "answers LSS switch state selective with another serial number")
     is_selected = yield from lss.select(address)
     _need(is_selected, "does not answer LSS switch state selective with its identity")
     node_ids = yield from lss.inquire_node_ids()
     yield from lss.release()
     _need(node_ids == [patch.node_id], "does not answer LSS inquire node-ID")
+    _need(not (yield from lss.inquire_node_ids()), "answers LSS inquire node-ID after it was let go")
 
 
 def _store(patch: PatchCheck) -> Check:
@@ -543,6 +548,14 @@ def _store(patch: PatchCheck) -> Check:
         reply = yield Request(cia.HEARTBEAT_PRODUCER, 0)
         seen = int.from_bytes(reply.data, "little")
         _need(seen == wanted, f"0x1017 is {seen} after 0x{index:04X} and a reset; wanted {wanted}")
+
+
+def _dialogue(patch: PatchCheck, dialogue: Dialogue) -> Check:
+    """A dialogue of the table, with a board that has what it is about."""
+    if {*dialogue.needs} <= {*patch.od.indices}:
+        wrong = yield from Speaker(patch.node_id, patch.od).hold(dialogue.steps)
+        _need(not wrong, wrong)
+        yield from patch.reset()  # what it has changed
 
 
 def _survives(patch: PatchCheck) -> Check:
@@ -583,6 +596,10 @@ RULES = (
     Rule("LSS", "305 4.1", "LSS selects the board by its identity.", _lss),
     Rule(
         "storage", "301 7.5.2.13", "0x1010 stores and 0x1011 restores, with their signatures.", _store, True
+    ),
+    *(
+        Rule(d.name, d.section, d.text, partial(_dialogue, dialogue=d), d.is_destructive)
+        for d in load_dialogues()
     ),
     Rule("malformed frames", "301 7.2.4", "Malformed frames change nothing.", _survives),
 )

@@ -1,0 +1,24 @@
+"""The check of a board is judged by faults that real firmware has: each is named, or it is said why not."""
+
+import pytest
+
+from tests.firmware.mutants import Workshop, broken_rules, load_mutants
+
+MUTANTS = list(load_mutants())
+
+
+@pytest.fixture(scope="module")
+def workshop(tmp_path_factory):
+    return Workshop(tmp_path_factory.mktemp("mutants"))
+
+
+def test_most_mutants_are_to_be_found():
+    assert len(MUTANTS) >= 60
+    assert sum(not mutant.reason for mutant in MUTANTS) >= 50
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.name)
+def test_check_of_a_board_names_the_fault(workshop, mutant):
+    found = broken_rules(workshop.make(mutant))
+    assert bool(found) != bool(mutant.reason), found
