@@ -35,21 +35,21 @@ Made from the EDS files by `python -m tools.profile_page`; a test holds it to th
 * **Discard what is late.** A synchronous TPDO that is not sent within 0x1007 (us, 0: no limit) after its
   SYNC is discarded, also in the transmit buffers of the controller: a classic PDO does not say of which
   SYNC it is, and would be taken for the next one. EMCY 0x8100 with data 07 10 may report it.
-* **Left-adjust readings.** Full scale is 0x7FFF in 0x6401 (INTEGER16) and 0x7F in 0x6400 (INTEGER8),
-  whatever the converter has; bits that it does not have are 0 (CiA 401). Readings are raw: the master
-  takes zeros and gains off itself. A board that takes its own zero, when it starts or slowly by a high-pass
-  filter, under a finger ends that contact although it is held; it shows when the finger is gone.
+* **Left-adjust readings.** Full scale is 0x7FFF in 0x6401 (INTEGER16) and 0x7F in 0x6400 (INTEGER8) for
+  every converter; the bits it does not have are 0 (CiA 401).
+* **Send raw readings.** The master applies zeros and gains. A board must not take its own zero, at its start
+  or by a high-pass filter: this would end a contact that is still held.
 * **Be settled before the first TPDO.** Readings of a converter that is warming up are not sent, or are
   marked "unsettled".
-* **Send every reading** in an enabled TPDO, or clear the bit of its tactel in "Healthy tactels": an arm
-  file with a board that does not is refused.
+* **Send every reading** in an enabled TPDO, or clear the bit of its tactel in "Healthy tactels". An arm
+  file with another board is refused.
 * **Stamp the frames** where there is room (CAN FD): 0x2070:01 is the counter of the SYNC that the sample
   was taken for, 0 if it had none; 0x2070:02 has bit 0 set when nobody knows when it was sampled, bit 1
   while the converter has not settled, bit 2 while the error register is not 0; 0x2070:03 is the time from
   sampling to SYNC in 100 us, 0xFFFF for that or more. A board that samples by its own clock maps the age.
-* **Store** with the signature "save" (0x1010): what is 0x1xxx by sub-index 2, 0x6xxx by 3, 0x2xxx by 4,
-  all by 1, and the node-ID by LSS. Answer when it is stored; `store_timeout_ms` (5 s) is how long the
-  master waits. "load" (0x1011) brings the defaults back with the next reset.
+* **Store** with the signature "save" (0x1010): sub-index 2 stores 0x1xxx, 3 stores 0x6xxx, 4 stores 0x2xxx,
+  1 stores all. LSS stores the node-ID. Answer when it is stored; the master waits for `store_timeout_ms`
+  (5 s). "load" (0x1011) restores the defaults with the next reset.
 * **Clear 0x1020** when any other parameter is changed: the master then configures the board again.
 * **Report errors** as EMCY, once each, and their end as EMCY 0x0000; keep 0x1001 and 0x1003 in step.
 * **Be alive**: heartbeat of 0x1017, or node guarding (0x100C, 0x100D) when that is 0.
