@@ -16,8 +16,10 @@ def booted(scene, **settings):
     return rig
 
 
-@pytest.mark.parametrize("periods", [1.05, 1.3, 1.99, 2.3, 3.2, 6.5, 10.5])
-@pytest.mark.parametrize("from_the_start", [True, False])
+@pytest.mark.parametrize(
+    "periods", [1.3, *(pytest.param(n, marks=pytest.mark.slow) for n in (1.05, 1.99, 2.3, 3.2, 6.5, 10.5))]
+)
+@pytest.mark.parametrize("from_the_start", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_patch_that_is_always_late_by_more_than_a_period_is_never_fresh_and_named(periods, from_the_start):
     rig = MisbehavingRig("pad") if from_the_start else booted("pad")
     rig.patches.delay = lambda node_id, tpdo: periods * rig.period_ns

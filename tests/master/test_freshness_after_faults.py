@@ -32,9 +32,9 @@ def assert_back(rig):
     assert not rig.violations
 
 
-@pytest.mark.parametrize("stuck_ms", [70, 300, 6000])
-@pytest.mark.parametrize("room", [0, 10, 200])
-@pytest.mark.parametrize("reports", [True, False])
+@pytest.mark.parametrize("stuck_ms", [300, *(pytest.param(ms, marks=pytest.mark.slow) for ms in (70, 6000))])
+@pytest.mark.parametrize("room", [10, *(pytest.param(n, marks=pytest.mark.slow) for n in (0, 200))])
+@pytest.mark.parametrize("reports", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_after_syncs_that_a_full_queue_discarded_or_sent_late(room, stuck_ms, reports):
     rig = booted()
     queue = FullQueue(rig.master, room, reports=reports)
@@ -75,7 +75,7 @@ class Babbler(Core):
         return Step((Frame(self.can_id, bytes([0xFF] * 8)),), (), now_ns + self.every_ns)
 
 
-@pytest.mark.parametrize("phase_ms", [0, 3, 9, 17])
+@pytest.mark.parametrize("phase_ms", [9, *(pytest.param(ms, marks=pytest.mark.slow) for ms in (0, 3, 17))])
 def test_after_a_node_that_babbled_under_the_identifier_of_a_patch(phase_ms):
     rig = booted()
     rig.run(20 + phase_ms)

@@ -69,7 +69,9 @@ def integrated(arm, indenter, place, *, thickness_mm, tactel, force=10.0):
 
 @pytest.mark.parametrize("indenter", [EDGE, PALM], ids=["edge", "palm"])
 @pytest.mark.parametrize("tactel", ["point", "disc"])
-@pytest.mark.parametrize("thickness_mm", [1.0, 2.0, 6.0, 20.0])
+@pytest.mark.parametrize(
+    "thickness_mm", [6.0, *(pytest.param(mm, marks=pytest.mark.slow) for mm in (1.0, 2.0, 20.0))]
+)
 def test_pressures_are_the_integral_over_the_shape_within_the_bound(indenter, tactel, thickness_mm):
     arm = board()
     for place in ((0.031, 0.002, 0.4), (0.02, -0.013, 1.3)):

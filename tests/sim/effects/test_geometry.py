@@ -82,6 +82,7 @@ def test_gain_multiplies_all_that_a_tactel_reads():
     assert abs(own.std() / 0.1 - 1.0) < 0.25
 
 
+@pytest.mark.slow
 def test_width_and_ellipse_keep_the_force_that_a_tactel_sees():
     x = np.arange(-30e-3, 30.1e-3, 0.5e-3)
     grid_of_loads = np.array([[0.03 + u, v] for u in x for v in x])
