@@ -51,29 +51,14 @@ class Code:
 
         self.frame_type, self.layout = SbFrame, layout
         self.own = library = c.CDLL(str(path))
-        u8, u16, u32, handle, frame = c.c_uint8, c.c_uint16, c.c_uint32, c.c_void_p, c.POINTER(SbFrame)
-        for name, result, *arguments in (
+        for name, result in (
             ("library_size", c.c_size_t),
-            ("library_init", None, handle, u8, u32, handle, c.c_size_t),
-            ("library_out", frame, handle),
-            ("library_readings", c.POINTER(c.c_int16), handle),
-            ("library_n_out", c.c_uint, handle),
-            ("library_sample", None, handle, u8, u16),
-            ("library_supply", None, handle, u32),
-            ("library_value", u32, handle, u16, u8),
-            ("library_state", u32, handle),
-            ("library_ids", c.c_uint, handle, handle),
-            ("library_on_write", None, handle, HOOK),
-            ("sb_receive", None, handle, frame, u32),
-            ("sb_poll", u32, handle, u32),
-            ("sb_command", None, handle, u8),
-            ("sb_request", c.c_bool, handle, c.c_uint),
-            ("sb_error", c.c_bool, handle, u16, u8, c.c_char_p),
-            ("sb_error_end", c.c_bool, handle, u16, c.c_char_p),
-            ("sb_set", c.c_bool, handle, u16, u8, c.c_char_p),
+            ("library_out", c.POINTER(SbFrame)),
+            ("library_readings", c.POINTER(c.c_int16)),
+            *((name, c.c_uint32) for name in ("library_value", "library_state", "sb_poll")),
+            *((name, c.c_bool) for name in ("sb_request", "sb_error", "sb_error_end", "sb_set")),
         ):
-            function = getattr(library, name)
-            function.restype, function.argtypes = result, arguments
+            getattr(library, name).restype = result
 
 
 @cache
@@ -103,9 +88,9 @@ class FirmwareDevice(Core):
         self.layout = code.layout
         self.flash = flash
         self._memory = c.create_string_buffer(self.library.library_size())
-        self._at = c.addressof(self._memory)
-        place = None if flash is None else c.addressof(c.c_char.from_buffer(flash))
-        self.library.library_init(self._at, node_id, serial, place, 0 if flash is None else len(flash) // 2)
+        self._at = c.c_void_p(c.addressof(self._memory))
+        place = None if flash is None else c.c_void_p(c.addressof(c.c_char.from_buffer(flash)))
+        self.library.library_init(self._at, node_id, serial, place, c.c_size_t(len(flash or b"") // 2))
         self.library.library_supply(self._at, n_writes)
         self._out = self.library.library_out(self._at)
         n = len(self.layout.subs(next(i for i in (0x6401, 0x6400) if i in self.layout.indices)))
@@ -199,7 +184,7 @@ class FirmwareDevice(Core):
                 frame.can_id, 1 if frame.flags == RTR else 2 * bool(frame.flags), len(data), False,
                 frame.t_ns // 1000 & 0xFFFFFFFF, type(self._out[0].data)(*data),
             )  # fmt: skip
-            self.library.sb_receive(self._at, own, now_us & 0xFFFFFFFF)
+            self.library.sb_receive(self._at, c.byref(own), now_us & 0xFFFFFFFF)
             self._take(now_ns, took)
         wait = self.library.sb_poll(self._at, now_us & 0xFFFFFFFF)
         self._take(now_ns, took)

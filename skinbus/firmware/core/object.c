@@ -94,7 +94,7 @@ static void put_default(struct sb_board *b, const struct sb_run *run)
     else if (text->slot) {
         b->text_length[text->slot] = text->length;
         if (text->length != SB_NOWHERE)
-            memcpy(b->text[text->slot], text->text, text->length);
+            memcpy(b->text[text->slot - 1], text->text, text->length);
     }
     if (run->access & SB_RELATIVE) /* a run of one number */
         sb_store(&b->image[run->at], sb_load(&b->image[run->at], n) + b->node_id, n);
@@ -118,7 +118,7 @@ bool sb_is_default(const struct sb_board *b, const struct sb_run *run)
     if (!n) {
         const struct sb_text *text = &sb_texts[run->at];
         return b->text_length[text->slot] == text->length &&
-               (text->length == SB_NOWHERE || memcmp(b->text[text->slot], text->text, text->length) == 0);
+               (text->length == SB_NOWHERE || memcmp(b->text[text->slot - 1], text->text, text->length) == 0);
     }
     if (run->access & SB_RELATIVE)
         return sb_load(&b->image[run->at], 4) == sb_load(&sb_defaults[run->at], 4) + b->node_id;
@@ -181,7 +181,7 @@ uint32_t sb_read(struct sb_board *b, uint16_t index, uint8_t sub, uint8_t *value
     *data = value;
     if (!*n) {
         const struct sb_text *text = &sb_texts[run->at];
-        *data = text->slot ? b->text[text->slot] : (const uint8_t *)text->text;
+        *data = text->slot ? b->text[text->slot - 1] : (const uint8_t *)text->text;
         *n = text->slot ? b->text_length[text->slot] : text->length;
         return *n == SB_NOWHERE ? ABORT_NO_DATA : 0;
     }

@@ -53,7 +53,7 @@ static uint8_t *room(struct sb_board *b, size_t *n)
         return b->sdo_buffer;
     }
     *n = SB_TEXT_ROOM;
-    return b->text[sb_texts[run->at].slot];
+    return b->text[sb_texts[run->at].slot - 1];
 }
 
 /* Take bytes of a download; what is longer than a number is counted, and refused at its end. */
@@ -154,7 +154,7 @@ static void upload_segment(struct sb_board *b, uint8_t command)
     }
     if (!sb_size(run->type)) {
         const struct sb_text *text = &sb_texts[run->at];
-        from = text->slot ? b->text[text->slot] : (const uint8_t *)text->text;
+        from = text->slot ? b->text[text->slot - 1] : (const uint8_t *)text->text;
     }
     memcpy(&data[1], &from[b->sdo_done], n);
     b->sdo_toggle ^= TOGGLE;

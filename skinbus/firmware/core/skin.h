@@ -13,7 +13,7 @@
 #include "board.h" /* made from the EDS: sizes, and the tables declared below */
 
 #ifndef SB_TEXT_ROOM
-#define SB_TEXT_ROOM 1024 /* bytes of RAM, and of flash, for each text that can be written (residual map) */
+#define SB_TEXT_ROOM 2048 /* bytes of RAM, and of flash, for each text that can be written (residual map) */
 #endif
 #ifndef SB_SAMPLE_US
 #define SB_SAMPLE_US 1000 /* how often readings are looked at for events (254, 255) */
@@ -137,7 +137,7 @@ struct sb_board {
 
     uint8_t image[SB_IMAGE];
     uint16_t text_length[SB_TEXT_SLOTS + 1];
-    uint8_t text[SB_TEXT_SLOTS + 1][SB_TEXT_SLOTS ? SB_TEXT_ROOM : 1];
+    uint8_t text[SB_TEXT_SLOTS ? SB_TEXT_SLOTS : 1][SB_TEXT_SLOTS ? SB_TEXT_ROOM : 1]; /* of slot 1 first */
 };
 
 /* --- For ports ------------------------------------------------------------------------------------ */

@@ -171,7 +171,7 @@ static uint32_t rewrite(struct sb_board *b, unsigned fresh, unsigned dropped, bo
             put_run(&to, run->index, run->sub, &b->image[run->at], n);
         else {
             const unsigned slot = sb_texts[run->at].slot;
-            put_run(&to, run->index, run->sub, b->text[slot], b->text_length[slot]);
+            put_run(&to, run->index, run->sub, b->text[slot - 1], b->text_length[slot]);
         }
     }
     if (fresh & LSS) {
@@ -216,7 +216,7 @@ static bool take_run(struct sb_board *b, struct page *page, uint16_t index, uint
     }
     if (is_good && !size) {
         const unsigned slot = sb_texts[run->at].slot;
-        get(page, b->text[slot], n);
+        get(page, b->text[slot - 1], n);
         b->text_length[slot] = n;
     }
     return is_good;
