@@ -81,18 +81,14 @@ def _grid(ctx: click.Context, parameter: click.Parameter, value: str | None) -> 
 def _positions(path: Path) -> Floats:
     """Return the places of tactels on their board, (n, 2) m from its centre, and say where that is."""
     columns = read_columns(path, POSITIONS)
-    metres = {
-        name[0]: column * (1e-3 if name.endswith("_mm") else 1.0)
-        for name, column in columns.items()
-        if name[1:] in ("_mm", "_m")
-    }
-    if "u" in metres:
-        uv = np.stack([metres["u"], metres["v"]], -1)
+    names = next(names for names in POSITIONS if set(names) <= set(columns))
+    table, unit = np.stack([columns[name] for name in names], -1), 1e-3 if "_mm" in names[0] else 1.0
+    if len(names) == 2:
+        uv = unit * table
         centre = 0.5 * (uv.max(0) + uv.min(0))
         echo("centre of the board in {}: u {:.2f} mm, v {:.2f} mm".format(path, *1e3 * centre))
         return np.asarray(uv - centre)
-    normals = np.stack([columns[name] for name in ("nx", "ny", "nz")], -1)
-    flat = lay_flat(np.stack([metres[name] for name in "xyz"], -1), normals)
+    flat = lay_flat(unit * table[:, :3], table[:, 3:])
     place, along = ("[{:.3f}, {:.3f}, {:.3f}]".format(*x) for x in (1e3 * flat.centre, flat.along))
     echo(f"place of the board on a mesh in the frame of {path}: xyz_mm = {place}, along = {along}")
     return flat.uv

@@ -155,7 +155,8 @@ def learn_radial_law(
 
     Args:
         arm: the skin, with the gains that it has now.
-        s, a: (n_presses,) m, places of the presses on their link.
+        s: (n_presses,) m, places of the presses along their link.
+        a: (n_presses,) m, places across or around it.
         force: (n_presses,) N; None when it is not known, but the same in all of them.
         pressures: (n_presses, n_tactels) Pa, as the arm's present gains give them; NaN for a missing reading.
             Readings at full scale and those of dead tactels are left out.
