@@ -5,17 +5,16 @@ import pytest
 
 from skinbus.can.frame import FrameBatch
 from skinbus.config.system import load_arm, ods_of
-from skinbus.estimate import LEVELS, Contacts, Estimator, Tracker
+from skinbus.estimate import LEVELS, Estimator
 from skinbus.master.cycle import Cycle
 from skinbus.master.freshness import Freshness
 from skinbus.master.gather import FrameCounters, Gather
 from skinbus.master.publish import Publisher
 from skinbus.node.device import Device
 from skinbus.objects.eds import load_eds
-from skinbus.objects.profile import contact
 from skinbus.objects.readings import ReadingsPlan
 from tests.hard.check import check_contacts
-from tests.packing import pack, unpack_contacts
+from tests.packing import pack
 
 PERIOD_NS = 20_000_000
 N_QUIET = 30
@@ -65,36 +64,6 @@ def test_any_bytes_on_the_wire_give_sound_contacts_and_tracks(name, n_cycles, ze
         assert np.isfinite([cycle.loads.force, cycle.loads.force_sd]).all()
         n_contacts += len(contacts)
     assert n_contacts > n_cycles / 4
-
-
-@pytest.mark.parametrize("t_ns", [0, -5, 2**62])
-@pytest.mark.parametrize(
-    ("force", "variance", "s"),
-    [(5.0, 1e300, 0.02), (5.0, -1e300, -900.0), (9e8, 4e40, 900.0), (1e-300, 5e-324, 0.0)],
-)
-def test_what_does_not_fit_an_object_saturates(force, variance, s, t_ns):
-    arm, od, one = load_arm("pad"), load_eds("skin-master", 127), np.zeros(1, np.int64)
-    device, tracker = Device(od, 127), Tracker(arm)
-    contacts = Contacts(
-        t_ns=t_ns,
-        s=np.array([s]),
-        a=np.array([-s]),
-        force=np.array([force]),
-        level=np.array(["full"]),
-        size=np.zeros(1),
-        residual=np.array([abs(variance)]),
-        covariance=np.full((1, 3, 3), variance),
-        n_tactels=one + 300,
-        quality=one + 31,
-        **dict.fromkeys(("link", "patch", "status"), one),
-    )
-    Publisher(arm, [device]).contacts(t_ns, contacts, tracker.update(contacts, t_ns))
-    record = device.values.rows(od[contact(1).object].index, 1)[0]
-    assert np.isfinite(list(record.tolist())).all()
-    sent = unpack_contacts(bytes(record.tobytes()[:8]))
-    assert sent.force[0] == pytest.approx(min(force, 655.35), abs=0.005)
-    assert sent.s[0] == pytest.approx(min(max(s, -3.2768), 3.2767), abs=5e-5)
-    assert record["Tactels used"] == 0xFF
 
 
 def test_counters_of_frames_wrap_on_the_wire_and_go_on_inside():

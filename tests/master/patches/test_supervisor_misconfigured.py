@@ -1,7 +1,5 @@
 """Patches whose communication objects another tool has changed: repaired or WRONG, never used as they are."""
 
-import re
-
 import pytest
 
 from skinbus.config.system import load_arm
@@ -9,7 +7,6 @@ from skinbus.master import Master
 from skinbus.master.patches.table import PatchState
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects import cia
-from skinbus.objects.eds import find_eds
 from tests.master.commission import Bench, patch
 from tests.master.misbehaving import SAVE, Tool, Wrapped, all_pdos_off, swapped_mappings
 from tests.master.rig import Rig
@@ -86,32 +83,6 @@ def test_patch_that_does_not_take_what_the_pipeline_needs_is_wrong_and_never_sta
     (refused,) = [event for event in events if event.kind == "patch-refused"]
     assert "0x1801:02" in refused.detail
     assert bytes([cia.NmtCommand.START, NODE]) not in [f.data for f in bench.frames if f.can_id == 0]
-
-
-def test_board_without_a_checksum_is_read_object_by_object(tmp_path):
-    text = find_eds("skin-patch").read_text().partition("[2060]")[0]
-    (n,) = re.findall(r"\n(\d+)=0x2060\n", text)  # the last of its list
-    text = text.replace(f"\n{n}=0x2060\n{int(n) + 1}=0x2070\n", "\n")
-    text = text.replace(
-        f"SupportedObjects={int(n) + 1}\n1=0x2000", f"SupportedObjects={int(n) - 1}\n1=0x2000"
-    )
-    eds = tmp_path / "plain.eds"
-    eds.write_text(text)
-    arm = tmp_path / "plain.toml"
-    arm.write_text(
-        '[arm]\nname = "plain"\n[[link]]\nname = "plate"\nsurface = "plane"\n'
-        "length_mm = 50.0\nwidth_mm = 50.0\n"
-        f'[[patch]]\nnode_id = {NODE}\nlink = "plate"\ns_mm = 25.0\neds = "{eds}"\n'
-    )
-    storage = MemoryStorage()
-    device = patch(NODE, eds, storage=storage)
-    let(Bench(device).wire, Tool(NODE, swapped_mappings(device)))
-    device = patch(NODE, eds, storage=storage)
-    bench, reports = Bench(device), []
-    bench.wire.attach(Master(load_arm(arm), on_cycle=reports.append))
-    bench.pass_ms(1000)
-    assert device.get(cia.TPDO_MAPPING, 1) == 0x64010110
-    assert reports[-1].n_fresh == 1
 
 
 def test_change_of_another_tool_while_it_runs_is_not_used_and_taken_back():
