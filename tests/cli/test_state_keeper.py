@@ -84,17 +84,6 @@ def test_what_was_kept_is_taken_up_and_said(kept):
     assert "its age is not known" in kept.said[-1]
 
 
-def test_a_damaged_state_is_said_and_the_one_before_is_taken(kept, tmp_path):
-    kept.run(20.0)
-    kept.keeper.write(at_end=True)
-    kept.run(2.0)
-    kept.keeper.write(at_end=True)
-    (tmp_path / "state").write_bytes(b"")
-    kept.begin()
-    assert "no state of skinbus" in kept.said[0]
-    assert "taken up" in kept.said[1]
-
-
 def test_a_full_disk_is_said_once_and_does_no_harm(kept, monkeypatch):
     def full(file, state):
         raise OSError(28, "No space left on device")

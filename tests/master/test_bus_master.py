@@ -44,17 +44,6 @@ def emcies(frames):
     ]
 
 
-@pytest.mark.slow
-def test_patches_of_one_node_id_on_two_buses_are_two_patches(rig):
-    reports, events, _ = rig.run(1000)
-    assert {report.n_fresh for report in reports} == {2}
-    assert not events
-    assert rig.get(LEFT, 0x2300, 1) == rig.get(RIGHT, 0x2300, 1) == PatchState.OPERATIONAL
-    places = sorted(1e3 * reports[-1].contacts.s)
-    assert places == pytest.approx([ON_LEFT[0], ON_RIGHT[0]], abs=1.5)
-    assert [placed.bus for placed in rig.scene.arm.patches] == [LEFT, RIGHT]
-
-
 def test_contacts_are_published_alike_on_every_bus(rig):
     _, _, (left, right) = rig.run(1000)
     assert contacts(left) == contacts(right)

@@ -4,13 +4,9 @@ import numpy as np
 import pytest
 
 from skinbus.can.event import EventKind
-from skinbus.config.arm_file import find_arm
 from skinbus.master.level_control import with_level
 from skinbus.master.patches.table import PatchState
-from skinbus.objects import cia
 from skinbus.objects.contacts import ContactState
-from skinbus.sim.scene_file import SCENES
-from tests.master.rig import Rig
 from tests.packing import unpack_contacts
 
 CONTACT_IDS = range(0x681, 0x691)
@@ -31,24 +27,6 @@ def test_all_patches_are_started_and_fresh_in_every_cycle(forearm):
         PatchState.OPERATIONAL,
         PatchState.UNUSED,
     ]
-
-
-def test_sync_carries_the_counter_that_the_arm_file_asks_for(tmp_path):
-    """Every patch is told of it as well: none complains, and all send."""
-    arm = find_arm("pad").read_text().replace("rate_hz", "sync_counter = 100\nrate_hz", 1)
-    (tmp_path / "arm.toml").write_text(arm)
-    scene = (SCENES / "pad.toml").read_text().replace('arm = "pad"', 'arm = "arm.toml"', 1)
-    (tmp_path / "scene.toml").write_text(scene)
-    rig = Rig(tmp_path / "scene.toml")
-    reports, _, frames = rig.run(2000)
-    counters = [f.data[0] for f in frames if f.can_id == cia.SYNC_ID]
-    # patches boot without it: what they say of the first SYNCs is taken back when they are configured
-    assert counters[:101] == [*range(1, 101), 1]
-    assert reports[-1].n_fresh == 1
-    emcys = [f.data[:2] for f in frames if f.can_id == cia.EMCY_BASE + 1]
-    assert emcys[-1:] in ([], [b"\0\0"])
-    (patch,) = rig.world.devices
-    assert patch.get(cia.SYNC_COUNTER_OVERFLOW) == 100
 
 
 def test_contact_of_a_touch_is_on_the_bus_as_its_tpdo_and_record_say(forearm):

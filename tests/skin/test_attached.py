@@ -76,14 +76,6 @@ def test_cycles_come_in_order_and_lost_ones_are_counted(writer):
         assert KEPT > SLOTS
 
 
-def test_the_newest_is_the_same_cycle_until_there_is_another(writer):
-    writer.write(uniform(1))
-    with skinbus.attach(writer.name) as skin:
-        assert skin.latest() is skin.latest()
-        writer.write(uniform(2))
-        assert skin.latest().number == 2
-
-
 def test_a_writer_that_ended_is_seen_at_once_and_by_age(writer):
     writer.write(uniform(1))
     with skinbus.attach(writer.name) as skin:

@@ -1,9 +1,7 @@
 """The trends that the paper states, on small fixed samples; and its null zone against its formula."""
 
 import pytest
-from click.testing import CliRunner
 
-from skinbus.cli import group
 from skinbus.study.paper import EDGE, PaperCase, null_zone, press
 
 TRIALS = 60
@@ -63,13 +61,3 @@ def test_null_zone_is_that_of_equation_5(pitch):
     assert zone.everywhere == pytest.approx(zone.everywhere_formula, rel=FORMULA)
     # In the plane half the diagonal counts, which the paper leaves out: 2^1.5 times the force.
     assert zone.everywhere / zone.between == pytest.approx(2.0**1.5, rel=2 * FORMULA)
-
-
-@pytest.mark.slow
-def test_command_writes_all_figures(tmp_path):
-    result = CliRunner().invoke(group, ["study", "paper", "--out", str(tmp_path), "--trials", "8"])
-    assert result.exit_code == 0, result.output
-    names = {file.name for file in tmp_path.iterdir()}
-    for number in range(7, 14):
-        assert any(n.startswith(f"paper-fig{number:02d}") and n.endswith(".svg") for n in names), number
-    assert {"paper.csv", "paper-null-zone.csv", "paper-null-zone.svg"} <= names

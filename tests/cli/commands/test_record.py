@@ -77,22 +77,6 @@ def test_all_frames_of_all_channels_are_recorded_and_reported(tmp_path):
     assert times[0] > 1_700_000_000 * 10**9
 
 
-def test_a_recording_without_a_name_has_that_of_its_time_and_one_of_nothing_is_not_left(
-    tmp_path, monkeypatch
-):
-    monkeypatch.chdir(tmp_path)
-    channel = f"record-{os.getpid()}-3"
-    bus = ("--interface", "virtual", "--channel", channel, "--seconds")
-    with Speaker([Frame(1)], "virtual", channel, folder=tmp_path):
-        assert record(*bus, PATIENCE_S).exit_code == 0
-    (log,) = tmp_path.iterdir()
-    assert log.name.startswith("skinbus-2")
-    nothing = record("empty.log", *bus, "0.2")
-    assert nothing.exit_code == 1
-    assert "nothing was received" in nothing.output
-    assert list(tmp_path.iterdir()) == [log]
-
-
 @pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL])
 def test_a_recording_that_is_stopped_or_killed_has_whole_lines_only(skinbus, group, tmp_path, number):
     log = tmp_path / "field.log"
