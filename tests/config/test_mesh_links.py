@@ -66,6 +66,7 @@ def test_a_mesh_that_cannot_be_used_is_a_fault_of_the_arm_file(tmp_path):
     assert "No such file" in told
 
 
+@pytest.mark.slow
 def test_an_arm_without_a_mesh_loads_nothing_of_meshes():
     code = (
         "import sys; from skinbus.config.system import load_arm; load_arm('forearm');"

@@ -313,6 +313,7 @@ def test_patches_come_bus_after_bus_and_node_ids_may_repeat(tmp_path):
     assert (right.n_patches, right.buses, right.patch_bus.tolist()) == (2, arm.buses[1:], [0, 0])
 
 
+@pytest.mark.slow
 def test_ten_faults_of_a_kind_are_listed_and_the_others_counted(tmp_path):
     path = tmp_path / "arm.toml"
     path.write_text("".join(f"k{i} = 1\n" for i in range(30_000)))

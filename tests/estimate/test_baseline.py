@@ -128,6 +128,7 @@ def test_what_one_patch_of_a_touch_over_a_seam_feels_is_held_with_the_rest(skin)
     assert np.array_equal(skin.baseline.zeros[:32], before[:32])
 
 
+@pytest.mark.slow
 def test_zero_that_cannot_be_observed_grows_uncertain_and_is_sure_again_after_it(skin):
     skin.read(seconds=60)
     free = skin.baseline.zero_sd
@@ -211,6 +212,7 @@ def test_touch_and_release_have_a_gap_between():
     assert seen == [False, True, True, False, False]
 
 
+@pytest.mark.slow
 def test_noise_is_measured_and_carries_the_threshold(skin):
     skin.read(seconds=60)
     assert np.median(skin.baseline.noise) == pytest.approx(SIGMA, rel=0.05)
@@ -219,6 +221,7 @@ def test_noise_is_measured_and_carries_the_threshold(skin):
     assert np.median(skin.baseline.threshold) == pytest.approx(12 * SIGMA, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("has_started", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_patch_that_falls_silent_while_touched_holds_up_its_neighbour_for_a_time_only(skin, has_started):
     touch, without_0 = np.where(ARM.tactel_patch == 0, 20e3, 0.0), np.array([False, True, True])
@@ -255,6 +258,7 @@ def test_clock_set_back_or_repeated_changes_no_zero(skin):
     assert np.array_equal(skin.baseline.zeros, before)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_cycles", [10_000, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_drift_makes_no_false_touch(n_cycles):
     skin = Skin(seed=8)

@@ -30,6 +30,7 @@ def test_contacts_are_counted_and_reach_the_bound(arm, level, draw, n, right, ra
     assert max(found.place, found.force) <= ratio * SLACK
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", ["fit", pytest.param("full", marks=SLOW)])
 @pytest.mark.parametrize(
     ("arm", "draw"),

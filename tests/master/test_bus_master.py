@@ -44,6 +44,7 @@ def emcies(frames):
     ]
 
 
+@pytest.mark.slow
 def test_contacts_are_published_alike_on_every_bus(rig):
     _, _, (left, right) = rig.run(1000)
     assert contacts(left) == contacts(right)
@@ -59,6 +60,7 @@ def test_each_bus_shows_its_own_patches_and_says_on_which_bus_a_contact_is(rig):
         assert {rig.get(bus, index, 9) for index in (0x3001, 0x3002)} == {1}
 
 
+@pytest.mark.slow
 def test_patch_that_falls_silent_is_reported_on_its_bus_alone(rig):
     rig.wires.wires[RIGHT].detach(rig.patch_ports[RIGHT])
     _, events, (left, right) = rig.run(500)

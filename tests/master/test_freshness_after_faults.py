@@ -75,6 +75,7 @@ class Babbler(Core):
         return Step((Frame(self.can_id, bytes([0xFF] * 8)),), (), now_ns + self.every_ns)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase_ms", [9, *(pytest.param(ms, marks=pytest.mark.slow) for ms in (0, 3, 17))])
 def test_after_a_node_that_babbled_under_the_identifier_of_a_patch(phase_ms):
     rig = booted()

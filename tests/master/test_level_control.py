@@ -110,6 +110,7 @@ def get(master, name):
     return number(master, *index_of(OD, name))
 
 
+@pytest.mark.slow
 def test_cycle_that_is_late_is_counted_and_says_so():
     time = SimpleNamespace(ns=10**12)
     timed = Rig("forearm", stopwatch=lambda: time.ns)

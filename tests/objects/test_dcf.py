@@ -169,6 +169,7 @@ def test_dcf_read_back_is_the_configuration(tmp_path):
     assert "LastEDS=skin-patch.eds" in text
 
 
+@pytest.mark.slow
 def test_values_of_compact_arrays_get_a_section_of_their_own(tmp_path):
     path = tmp_path / "master.dcf"
     write_dcf("skin-master", path, {(0x1016, 3): 5, (0x1016, 120): 0x10})

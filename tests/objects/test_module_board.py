@@ -85,6 +85,7 @@ end_s = 9.0
 """
 
 
+@pytest.mark.slow
 def test_a_simulated_module_makes_contacts(dcf, tmp_path):
     (tmp_path / "arm.toml").write_text(ARM)
     (tmp_path / "scene.toml").write_text(SCENE)

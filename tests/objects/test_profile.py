@@ -26,6 +26,7 @@ def test_every_index_is_in_one_of_our_files(name, index):
     assert any(index in load_eds(eds, 1) for eds in [*PATCHES, "skin-master"]), name
 
 
+@pytest.mark.slow
 def test_every_name_is_in_the_files_of_all_patches_or_of_the_master():
     names = [name for name in vars(profile).values() if isinstance(name, profile.Name)]
     optional = {profile.FRAME_BYTES}

@@ -60,6 +60,7 @@ def test_slow_level_is_to_blame_when_only_computing_is_too_long():
     assert any("level kmeans instead of full" in warning for warning in result.warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pad", pytest.param("forearm", marks=pytest.mark.slow)])
 def test_simulated_wire_keeps_every_bound_of_its_cycle(name):
     scene = load_scene(name)

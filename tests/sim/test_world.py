@@ -77,6 +77,7 @@ def forearm():
     return scene, *run(scene, seconds=5.0)
 
 
+@pytest.mark.slow
 def test_every_patch_boots_in_its_own_time_and_sends_every_cycle(forearm):
     scene, world, _, _, frames = forearm
     boots = [f for f in frames if 0x700 < f.can_id < 0x780 and f.data == b"\x00"]

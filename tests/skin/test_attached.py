@@ -106,6 +106,7 @@ def dead():
     path_of(name).unlink(missing_ok=True)
 
 
+@pytest.mark.slow
 def test_attaching_waits_for_a_writer_that_runs_where_one_has_died(dead):
     with skinbus.attach(dead, timeout_s=0.05) as skin:
         assert not skin.is_running
@@ -117,6 +118,7 @@ def test_attaching_waits_for_a_writer_that_runs_where_one_has_died(dead):
         writer.close()
 
 
+@pytest.mark.slow
 def test_the_newest_cycle_stays_when_the_writer_has_died(dead):
     with skinbus.attach(dead) as skin:
         assert skin.latest().number == 1

@@ -51,6 +51,7 @@ def test_at_level_kmeans_no_covariance_is_claimed(scene):
     assert all(contact.covariance is None and contact.level in ("kmeans", None) for contact in contacts)
 
 
+@pytest.mark.slow
 def test_in_real_time_cycles_come_by_themselves(scene):
     with skinbus.simulate(scene, realtime=True) as skin:
         first, second = next(skin), next(skin)

@@ -145,6 +145,7 @@ def test_file_that_cannot_be_learned_from_says_why(arm_file, tmp_path, text, wor
     assert words in str(result.exception)
 
 
+@pytest.mark.slow
 def test_too_few_presses_are_refused_and_written_only_by_force(arm_file, tmp_path):
     write_presses(tmp_path / "presses.csv", load_arm(arm_file), n=20)
     result = run(arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf")

@@ -97,6 +97,7 @@ def test_doctor_of_buses_without_channels_names_them_and_goes_on():
     assert isinstance(wrong.exception, AddressError)
 
 
+@pytest.mark.slow
 def test_doctor_of_an_arm_that_does_not_exist_is_a_mistake_not_a_finding():
     answer = subprocess.run(
         [sys.executable, "-m", "skinbus", "doctor", "nosuch"], capture_output=True, text=True, check=False

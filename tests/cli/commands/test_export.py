@@ -136,6 +136,7 @@ def messages_of(path):
     return found
 
 
+@pytest.mark.slow
 def test_mcap_holds_readings_and_contacts_in_messages_that_foxglove_knows(field, here):
     exported(field, "--arm", "pad", "--out", "x.mcap")
     topics = messages_of("x.mcap")

@@ -48,6 +48,7 @@ def test_places_go_into_the_file_when_it_is_asked_for(case, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["arm.toml", "presses.csv"]
 
 
+@pytest.mark.slow
 def test_outliers_are_named_by_their_lines(case, tmp_path):
     path, planned, _, presses = case
     presses = list(presses)

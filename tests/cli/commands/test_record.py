@@ -77,6 +77,7 @@ def test_all_frames_of_all_channels_are_recorded_and_reported(tmp_path):
     assert times[0] > 1_700_000_000 * 10**9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL])
 def test_a_recording_that_is_stopped_or_killed_has_whole_lines_only(skinbus, group, tmp_path, number):
     log = tmp_path / "field.log"

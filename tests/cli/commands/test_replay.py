@@ -100,6 +100,7 @@ def test_of_two_interfaces_one_is_chosen_by_option_or_arm_file_or_asked_for(fiel
     assert "It also holds can0, vcan1" in wrong.output
 
 
+@pytest.mark.slow
 def test_events_are_reported_at_their_times(field, tmp_path):
     lines = [
         format_line(f)

@@ -80,6 +80,7 @@ def test_axes_units_and_boards_that_fit_are_named(boards):
     assert "do not go with the readings" in said(boards_exchanged(table, rng))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("factor", "unit", "other"), [(1e3, "mN", "kN"), pytest.param(1e-3, "kN", "mN", marks=pytest.mark.slow)]
 )

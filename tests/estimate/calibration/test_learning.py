@@ -145,6 +145,7 @@ def test_errors_of_place_are_not_learned_as_gains_widths_or_the_end_of_the_law(p
     assert len(learned.outliers) <= 0.02 * len(s)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [30, *(pytest.param(n, marks=pytest.mark.slow) for n in (15, 200))])
 def test_readings_to_come_scatter_as_much_as_the_calibration_says(n):
     """Few presses leave gains and law unknown: readings are off by more at new presses than at old ones."""

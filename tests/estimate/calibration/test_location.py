@@ -17,6 +17,7 @@ def rms(column):
     return math.sqrt(np.mean(np.square(column)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "surface", ["cone", *(pytest.param(s, marks=pytest.mark.slow) for s in ("plane", "cylinder"))]
 )
@@ -47,6 +48,7 @@ def least_yaw(arm, presses, p):
     return 0.3e-3 / math.sqrt(np.square(xy - xy.mean(axis=0)).sum())
 
 
+@pytest.mark.slow
 def test_outliers_are_found_by_number_and_do_no_harm(tmp_path):
     planned, true, presses = made(tmp_path, "cylinder", SEED + 1, n=8)
     bad = [3, 17, 18, 60, 141]

@@ -11,6 +11,7 @@ from tests.master.commission import Bench, patch
 from tests.master.misbehaving import Late
 
 
+@pytest.mark.slow
 def test_a_board_that_was_replaced_is_named_in_event_and_health():
     bench, events = Bench(patch(1, serial=11)), []
     health = None

@@ -77,6 +77,7 @@ def two_boards(tmp_path):
     return scene
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", [pytest.param("before", marks=pytest.mark.slow), "during"])
 def test_patch_with_another_serial_number_is_6300_wrong_and_never_started(tmp_path, when):
     rig = Rig(two_boards(tmp_path))

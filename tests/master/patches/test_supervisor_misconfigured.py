@@ -85,6 +85,7 @@ def test_patch_that_does_not_take_what_the_pipeline_needs_is_wrong_and_never_sta
     assert bytes([cia.NmtCommand.START, NODE]) not in [f.data for f in bench.frames if f.can_id == 0]
 
 
+@pytest.mark.slow
 def test_change_of_another_tool_while_it_runs_is_not_used_and_taken_back():
     rig = Rig("pad")
     rig.run(1500)

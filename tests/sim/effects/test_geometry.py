@@ -98,6 +98,7 @@ def test_width_and_ellipse_keep_the_force_that_a_tactel_sees():
         assert np.abs(other - plain).max() > 0.005 * plain.max()
 
 
+@pytest.mark.slow
 def test_residual_has_its_profile_over_distance():
     rng = np.random.default_rng(3)
     print("seed 3")
