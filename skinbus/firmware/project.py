@@ -149,7 +149,6 @@ def _services(od: ObjectDictionary, layout: ImageLayout, pdos: dict[Direction, l
         "GUARDING": int(cia.GUARD_TIME in layout.indices),
         "LSS": int(bool(od.device_information.LSS_supported)),
         "BIT_RATES": sum(1 << bit for bit in rates),
-        **{f"N_{name}": n for name, n in counts.items()},
         **{f"{name}_ROOM": max(n, 1) for name, n in counts.items()},
     }
 

@@ -16,7 +16,8 @@ from skinbus.firmware import write_project
 from skinbus.master.commissioning.patch_check import MS, RULES, Grade, PatchCheck
 from skinbus.node import Device
 from skinbus.node.storage import MemoryStorage
-from skinbus.objects.eds import eds_names, load_eds
+from skinbus.objects.eds import eds_names, find_eds, load_eds
+from skinbus.objects.eds_text import EdsText
 from skinbus.sim import load_scene
 from skinbus.skin.simulated import simulate
 from tests.firmware.firmware_device import EMPTY, FLAGS, FirmwareDevice, code_of
@@ -185,6 +186,19 @@ def test_board_of_ones_own_keeps_every_rule(tmp_path):
     made = CliRunner().invoke(command, ["new", "--grid", "6x6", "--pitch-mm", "8", "--out", eds])
     assert not made.exit_code, made.output
     assert check(board(eds), eds) == {}
+
+
+def test_board_with_few_objects_builds_and_keeps_every_rule(tmp_path):
+    eds = EdsText(find_eds("skin-patch").read_text())
+    gone = ("1016", "100c", "100d", "1400", "1600", "2023", "2070")
+    eds.sections = {name: lines for name, lines in eds.sections.items() if name[:4] not in gone}
+    objects = [name.upper() for name in eds.sections if len(name) == 4]
+    mandatory = ("1000", "1001", "1018")
+    eds.list_objects("OptionalObjects", [n for n in objects if n[0] in "16" and n not in mandatory])
+    eds.list_objects("ManufacturerObjects", [name for name in objects if name[0] == "2"])
+    path = tmp_path / "few.eds"
+    path.write_text(eds.text())
+    assert check(board(str(path)), str(path)) == {}
 
 
 def test_project_builds_as_it_is_written(tmp_path):

@@ -195,7 +195,7 @@ static void watch(struct sb_board *b, bool keeps)
 {
     struct sb_watched before[SB_CONSUMED_ROOM];
     memcpy(before, b->watched, sizeof before);
-    for (uint8_t i = 0; i < SB_N_CONSUMED; i++) {
+    for (uint8_t i = 0; i < SB_CONSUMED_ROOM; i++) {
         const uint32_t value = sb_get(b, 0x1016, (uint8_t)(i + 1));
         const uint8_t node_id = (uint8_t)(value >> 16);
         struct sb_watched *node = &b->watched[i];
@@ -205,22 +205,22 @@ static void watch(struct sb_board *b, bool keeps)
             continue;
         node->node_id = node_id;
         node->time = (uint16_t)value;
-        for (unsigned k = 0; keeps && k < SB_N_CONSUMED; k++)
+        for (unsigned k = 0; keeps && k < SB_CONSUMED_ROOM; k++)
             if (before[k].node_id == node_id && before[k].time == node->time) {
                 *node = before[k];
                 before[k].is_lost = false;
             }
     }
-    for (unsigned k = 0; keeps && k < SB_N_CONSUMED; k++)
+    for (unsigned k = 0; keeps && k < SB_CONSUMED_ROOM; k++)
         if (before[k].node_id && before[k].is_lost)
             watched_error(b, &before[k], false);
 }
 
-/* Return which entry of 0x1016 an identifier is of, SB_N_CONSUMED for none. */
+/* Return which entry of 0x1016 an identifier is of, SB_CONSUMED_ROOM for none. */
 static unsigned entry_of(const struct sb_board *b, uint16_t id)
 {
     unsigned i = 0;
-    while (i < SB_N_CONSUMED && !(b->watched[i].node_id && id == 0x700u + b->watched[i].node_id))
+    while (i < SB_CONSUMED_ROOM && !(b->watched[i].node_id && id == 0x700u + b->watched[i].node_id))
         i++;
     return i;
 }
@@ -243,7 +243,7 @@ static void consumer_receive(struct sb_board *b, struct sb_watched *node, const 
 static void consumer_tick(struct sb_board *b)
 {
     bool is_lost = false;
-    for (unsigned i = 0; i < SB_N_CONSUMED; i++)
+    for (unsigned i = 0; i < SB_CONSUMED_ROOM; i++)
         if (b->now >= b->watched[i].due) {
             b->watched[i].due = SB_NEVER;
             b->watched[i].is_lost = is_lost = true;
@@ -364,7 +364,7 @@ uint32_t sb_node_check(const struct sb_board *b, uint16_t index, uint8_t sub, ui
         const uint32_t node_id = value & 0xFFFF ? value >> 16 & 0xFF : 0;
         if (sub == 0 || value >> 24)
             return sub ? ABORT_VALUE : ABORT_READ_ONLY;
-        for (uint8_t other = 1; other <= SB_N_CONSUMED; other++) {
+        for (uint8_t other = 1; other <= SB_CONSUMED_ROOM; other++) {
             const uint32_t taken = sb_get(b, 0x1016, other);
             if (node_id && node_id < 128 && other != sub && taken & 0xFFFF && (taken >> 16 & 0xFF) == node_id)
                 return ABORT_INCOMPATIBLE;
@@ -417,7 +417,7 @@ static enum service service_of(const struct sb_board *b, uint16_t id, bool is_re
         return SDO;
     if (b->state == SB_OPERATIONAL && sb_rpdo_hears(b, id))
         return RPDO;
-    if (is_running(b) && entry_of(b, id) < SB_N_CONSUMED)
+    if (is_running(b) && entry_of(b, id) < SB_CONSUMED_ROOM)
         return CONSUMER;
     return SB_LSS && b->state != SB_OPERATIONAL && id == 0x7E5 ? LSS : NOBODY;
 }
@@ -469,7 +469,7 @@ uint32_t sb_poll(struct sb_board *b, uint32_t now_us)
     uint64_t wake = earlier(earlier(b->beat, b->guard_due), earlier(emcy_wake(b), sb_pdo_wake(b)));
     if (b->sdo_command)
         wake = earlier(wake, b->sdo_deadline);
-    for (unsigned i = 0; i < SB_N_CONSUMED; i++)
+    for (unsigned i = 0; i < SB_CONSUMED_ROOM; i++)
         wake = earlier(wake, b->watched[i].due);
     if (wake <= b->now)
         return 1;

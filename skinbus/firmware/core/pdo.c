@@ -181,7 +181,7 @@ static bool is_watching(const struct sb_board *b)
 {
     if (b->state != SB_OPERATIONAL || !sb_get(b, 0x6423, 0))
         return false;
-    for (unsigned k = 0; k < SB_N_TPDO; k++)
+    for (unsigned k = 0; k < SB_TPDO_ROOM; k++)
         for (unsigned i = 0; b->tpdos[k].valid && !is_cyclic(&b->tpdos[k]) && i < b->tpdos[k].n_slots; i++)
             if (reading_in(&b->tpdos[k].slots[i]) < SB_N_TACTELS)
                 return true;
@@ -201,7 +201,7 @@ void sb_events(struct sb_board *b)
     if (!is_watching(b) || b->now < b->sampled + SB_SAMPLE_US)
         return;
     sample_for_events(b);
-    for (unsigned k = 0; k < SB_N_TPDO; k++)
+    for (unsigned k = 0; k < SB_TPDO_ROOM; k++)
         for (unsigned i = 0; i < b->tpdos[k].n_slots; i++) {
             const unsigned tactel = reading_in(&b->tpdos[k].slots[i]);
             if (tactel < SB_N_TACTELS && !is_cyclic(&b->tpdos[k]) && is_worth_telling(b, tactel))
@@ -253,7 +253,7 @@ static void send(struct sb_board *b, struct sb_pdo *pdo)
 bool sb_request(struct sb_board *b, unsigned k)
 {
     struct sb_pdo *pdo = &b->tpdos[k];
-    if (k >= SB_N_TPDO || !pdo->valid || is_cyclic(pdo) || b->state != SB_OPERATIONAL)
+    if (k >= SB_TPDO_ROOM || !pdo->valid || is_cyclic(pdo) || b->state != SB_OPERATIONAL)
         return false;
     pdo->requested = true;
     return true;
@@ -284,7 +284,7 @@ static void send_synchronous(struct sb_board *b, uint8_t counter)
     }
     /* those of every SYNC first */
     for (unsigned pass = 0; pass < 2; pass++)
-        for (unsigned k = 0; k < SB_N_TPDO; k++) {
+        for (unsigned k = 0; k < SB_TPDO_ROOM; k++) {
             struct sb_pdo *pdo = &b->tpdos[k];
             const bool is_every = pdo->type == 1 && !pdo->start;
             if (!pdo->valid || is_on_event(pdo) || is_every == (pass == 1))
@@ -302,7 +302,7 @@ static void send_synchronous(struct sb_board *b, uint8_t counter)
 void sb_tpdo_tick(struct sb_board *b)
 {
     bool is_sampled = false;
-    for (unsigned k = 0; b->state == SB_OPERATIONAL && k < SB_N_TPDO; k++) {
+    for (unsigned k = 0; b->state == SB_OPERATIONAL && k < SB_TPDO_ROOM; k++) {
         struct sb_pdo *pdo = &b->tpdos[k];
         if (pdo->valid && is_on_event(pdo) && (pdo->requested || b->now >= pdo->due) && b->now >= pdo->free) {
             pdo->requested = false;
@@ -358,7 +358,7 @@ static void apply(struct sb_board *b, unsigned k, const uint8_t *from)
 
 bool sb_rpdo_hears(const struct sb_board *b, uint16_t id)
 {
-    for (unsigned k = 0; k < SB_N_RPDO; k++)
+    for (unsigned k = 0; k < SB_RPDO_ROOM; k++)
         if (b->rpdos[k].valid && b->rpdos[k].id == id)
             return true;
     return false;
@@ -366,7 +366,7 @@ bool sb_rpdo_hears(const struct sb_board *b, uint16_t id)
 
 void sb_rpdo_receive(struct sb_board *b, const struct sb_frame *frame)
 {
-    for (unsigned k = 0; k < SB_N_RPDO; k++) {
+    for (unsigned k = 0; k < SB_RPDO_ROOM; k++) {
         struct sb_pdo *pdo = &b->rpdos[k];
         if (!pdo->valid || pdo->id != frame->id)
             continue;
@@ -393,7 +393,7 @@ void sb_rpdo_receive(struct sb_board *b, const struct sb_frame *frame)
 
 void sb_rpdo_tick(struct sb_board *b)
 {
-    for (unsigned k = 0; k < SB_N_RPDO; k++)
+    for (unsigned k = 0; k < SB_RPDO_ROOM; k++)
         if (b->now >= b->rpdos[k].due) {
             b->rpdos[k].due = SB_NEVER;
             set_error(b, b->rpdos[k].id, ERROR_RPDO_TIMEOUT, true);
@@ -404,7 +404,7 @@ void sb_rpdo_tick(struct sb_board *b)
 
 void sb_pdo_sync(struct sb_board *b, uint8_t counter)
 {
-    for (unsigned k = 0; k < SB_N_RPDO; k++)
+    for (unsigned k = 0; k < SB_RPDO_ROOM; k++)
         if (b->rpdos[k].is_waiting) {
             b->rpdos[k].is_waiting = false;
             apply(b, k, b->rpdos[k].data);
@@ -417,9 +417,9 @@ void sb_pdo_sync(struct sb_board *b, uint8_t counter)
 
 void sb_pdo_configure(struct sb_board *b)
 {
-    for (unsigned k = 0; k < SB_N_TPDO; k++)
+    for (unsigned k = 0; k < SB_TPDO_ROOM; k++)
         compile(b, &b->tpdos[k], (uint16_t)(TPDO + sb_tpdos[k]), true);
-    for (unsigned k = 0; k < SB_N_RPDO; k++) {
+    for (unsigned k = 0; k < SB_RPDO_ROOM; k++) {
         compile(b, &b->rpdos[k], (uint16_t)(RPDO + sb_rpdos[k]), false);
         b->rpdos[k].due = SB_NEVER;
     }
@@ -428,11 +428,11 @@ void sb_pdo_configure(struct sb_board *b)
 /* PDOs begin anew, and all readings are news again, with every entry to OPERATIONAL. */
 void sb_pdo_enter(struct sb_board *b)
 {
-    for (unsigned k = 0; k < SB_N_RPDO; k++) {
+    for (unsigned k = 0; k < SB_RPDO_ROOM; k++) {
         b->rpdos[k].is_waiting = false;
         b->rpdos[k].due = SB_NEVER;
     }
-    for (unsigned k = 0; k < SB_N_TPDO; k++)
+    for (unsigned k = 0; k < SB_TPDO_ROOM; k++)
         start(b, &b->tpdos[k]);
     memset(b->is_sent_known, 0, sizeof b->is_sent_known);
 }
@@ -456,10 +456,10 @@ static void rpdo_changed(struct sb_board *b, struct sb_pdo *pdo, uint16_t index)
 void sb_pdo_changed(struct sb_board *b, uint16_t index)
 {
     const uint16_t communication = (uint16_t)(index & ~TO_MAPPING);
-    for (unsigned k = 0; k < SB_N_RPDO; k++)
+    for (unsigned k = 0; k < SB_RPDO_ROOM; k++)
         if (communication == RPDO + sb_rpdos[k])
             rpdo_changed(b, &b->rpdos[k], communication);
-    for (unsigned k = 0; k < SB_N_TPDO; k++)
+    for (unsigned k = 0; k < SB_TPDO_ROOM; k++)
         if (communication == TPDO + sb_tpdos[k]) {
             struct sb_pdo *pdo = &b->tpdos[k];
             const bool was_valid = pdo->valid;
@@ -473,9 +473,9 @@ void sb_pdo_changed(struct sb_board *b, uint16_t index)
 uint64_t sb_pdo_wake(const struct sb_board *b)
 {
     uint64_t wake = is_watching(b) && SB_SAMPLE_US ? b->sampled + SB_SAMPLE_US : SB_NEVER;
-    for (unsigned k = 0; k < SB_N_RPDO; k++)
+    for (unsigned k = 0; k < SB_RPDO_ROOM; k++)
         wake = b->rpdos[k].due < wake ? b->rpdos[k].due : wake;
-    for (unsigned k = 0; b->state == SB_OPERATIONAL && k < SB_N_TPDO; k++) {
+    for (unsigned k = 0; b->state == SB_OPERATIONAL && k < SB_TPDO_ROOM; k++) {
         const struct sb_pdo *pdo = &b->tpdos[k];
         const uint64_t due = pdo->requested || pdo->due < pdo->free ? pdo->free : pdo->due;
         if (pdo->valid && is_on_event(pdo) && due < wake)

@@ -136,7 +136,7 @@ struct sb_board {
     uint16_t lss_asked, lss_ours; /* bits: commands that came of those that name a board, and that fit */
 
     uint8_t image[SB_IMAGE];
-    uint16_t text_length[SB_TEXT_SLOTS + 1];
+    uint16_t text_length[SB_TEXT_SLOTS ? SB_TEXT_SLOTS + 1 : 2]; /* of slot 0 none */
     uint8_t text[SB_TEXT_SLOTS ? SB_TEXT_SLOTS : 1][SB_TEXT_SLOTS ? SB_TEXT_ROOM : 1]; /* of slot 1 first */
 };
 

@@ -121,9 +121,9 @@ unsigned library_ids(const struct library *library, uint16_t ids[])
     ids[n++] = (uint16_t)(sb_get(b, 0x1005, 0) & 0x7FF);
     ids[n++] = (uint16_t)(sb_sdo_id(b, 1) & 0x7FF);
     ids[n++] = 0x7E5;
-    for (unsigned i = 0; i < SB_N_RPDO; i++)
+    for (unsigned i = 0; i < SB_RPDO_ROOM; i++)
         ids[n++] = b->rpdos[i].id;
-    for (unsigned i = 0; i < SB_N_CONSUMED; i++)
+    for (unsigned i = 0; i < SB_CONSUMED_ROOM; i++)
         ids[n++] = (uint16_t)(0x700u + b->watched[i].node_id);
     for (unsigned i = 0; i < n; i++)
         if (sb_hears(b, ids[i], false))
