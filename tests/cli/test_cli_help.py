@@ -39,7 +39,7 @@ def test_levels_of_the_command_line_are_those_of_the_estimator():
 
 
 BELOW = [f"{name} {sub}" for name, subs in SUBCOMMANDS.items() for sub in subs]
-OF_BOARD = [f"board {sub}" for sub in ("new", "lint", "check")]
+OF_BOARD = [f"board {sub}" for sub in ("new", "lint", "firmware", "check")]
 
 
 @pytest.mark.parametrize("name", [*COMMANDS, *BELOW, *OF_BOARD])
