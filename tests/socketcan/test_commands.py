@@ -9,7 +9,8 @@ import pytest
 from skinbus.bus.socketcan import SocketCanBus
 from skinbus.can.frame import Frame
 from tests.cli.patience import PATIENCE_S
-from tests.socketcan.processes import end, master_on, wait_for_patches
+from tests.socketcan.many import many_patches
+from tests.socketcan.processes import end, master_on, wait_for, wait_for_patches
 from tests.socketcan.slcan_adapter import SlcanAdapter
 
 
@@ -30,6 +31,19 @@ def test_sim_and_run_and_doctor_on_one_interface(start, master, channel, tmp_pat
     assert json.loads((tmp_path / "run.json").read_text())["patches"] == 24
     assert "ok   interface " in said
     assert "ok   permission " in said
+
+
+def test_126_patches_on_one_interface(start, master, channel, tmp_path):
+    arm, scene = many_patches(tmp_path, rate_hz=2.0)  # which a busy machine can do, too
+    sim = start("sim", scene, "--channel", channel)
+    run = start("run", arm, "--channel", channel, "--quiet", "--json", str(tmp_path / "run.json"))
+    wait_for_patches(master, 126)
+    begun = master["Cycle"]["Cycles"].raw
+    wait_for(lambda: master["Cycle"]["Cycles"].raw >= begun + 6)
+    wait_for_patches(master, 126)
+    end(run)
+    end(sim)
+    assert json.loads((tmp_path / "run.json").read_text())["frames"]["accepted"] > 504 * 2
 
 
 def frames_until(observer, is_last):

@@ -8,6 +8,7 @@ from skinbus.bus.socketcan import SocketCanBus
 from skinbus.can.candump import CandumpReader
 from skinbus.can.frame import BRS, FD, Frame
 from tests.cli.patience import PATIENCE_S
+from tests.socketcan.can_rig import set_up
 from tests.socketcan.frames import EVERY_KIND
 from tests.socketcan.processes import wait_for
 
@@ -56,3 +57,22 @@ def test_every_kind_of_frame_is_recorded_as_candump_does(start, channel, tmp_pat
     assert frames_in(mine) == frames_in(its) == sent
     times = [[frame.t_ns for frame, _ in CandumpReader(path)] for path in (mine, its)]
     assert max(abs(a - b) for a, b in zip(*times, strict=True)) < 5_000_000
+
+
+def test_a_recording_outlives_an_interface_that_goes_down(start, channel, tmp_path):
+    log = tmp_path / "field.log"
+    recorder = recording(start, channel, log)
+    with SocketCanBus(channel) as sender:
+        sender.send([Frame(1)])
+    wait_for(lambda: n_lines(log) == 1)
+    for n in (2, 3):
+        set_up(channel, False)
+        assert "bus-lost" in recorder.stdout.readline()
+        set_up(channel, True)
+        assert "bus-back" in recorder.stdout.readline()
+        with SocketCanBus(channel) as sender:
+            sender.send([Frame(n)])
+        wait_for(lambda n=n: n_lines(log) == n)
+    assert "3 frames in " in (out := end(recorder, signal.SIGINT))
+    assert "the bus was lost 2 times" in out
+    assert [frame.can_id for frame in frames_in(log)] == [1, 2, 3]
