@@ -63,7 +63,7 @@ class Freshness:
         n = plan.n_patches
         self.answers = plan.answers()
         self._plan = plan
-        self._n_pdos = np.bitwise_count(plan.expected).astype(np.int32)
+        self._n_pdos = np.bitwise_count(plan.on_sync).astype(np.int32)
         self._period_ns = period_ns
         self._follows = follows
         self._has_stamps = overflow >= LEAST_OVERFLOW
@@ -125,6 +125,7 @@ class Freshness:
             sends = (last_ns > table.last_boot_up) & (now_ns - last_ns < GAP * self._period_ns)
             self._unproven[anew] = sends[anew] & (not self._follows)
             self.answers.due[anew[self._plan.pdo_patch]] = 0
+            self.answers.free_ns[anew[self._plan.pdo_patch]] = 0
             self._starts[anew] = starts[anew]
             self.started_ns[anew] = now_ns
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import FrameBatch
@@ -58,6 +59,9 @@ class Gather:
         self.bad_length = np.zeros(n_patches, np.int32)
         """(n_patches,) PDOs of wrong length since the start."""
         self.is_open = False
+        self.has_news = False
+        """Whether a patch has sent a change that was in no cycle yet."""
+        self._has_free = bool(plan.free.any())
         self.freshness = freshness
         self._stamps = plan.new_stamps()
         (self._with_status,) = np.nonzero(plan.stamped[:, 1])
@@ -80,17 +84,17 @@ class Gather:
     @property
     def has_answered(self) -> Mask:
         """Return which patches have sent all readings of the newest cycle, in time or late, (n_patches,)."""
-        return np.asarray(self.seen == self.plan.expected)
+        return np.asarray(self.seen & self.plan.on_sync == self.plan.on_sync)
 
     @property
     def has_sent(self) -> Mask:
         """Return which patches have sent all TPDOs since the newest SYNC, for whichever, (n_patches,)."""
-        return np.asarray((self.freshness.answers.came & self.plan.expected) == self.plan.expected)
+        return np.asarray((self.freshness.answers.came & self.plan.on_sync) == self.plan.on_sync)
 
     def open(self, now_ns: int, owing: Mask) -> None:
         """Begin a cycle that waits until the patches in ``owing`` (n_patches,) have sent all their TPDOs."""
         came = self.freshness.answers.came
-        missed = self.owing * (self.plan.expected & ~came)
+        missed = self.owing * (self.plan.on_sync & ~came)
         # What the machine dropped is counted already.
         self.counters.missing += max(int(np.bitwise_count(missed).sum()) - self._n_dropped, 0)
         self._opened_ns = now_ns
@@ -107,7 +111,15 @@ class Gather:
         self._owed = self._missing()
 
     def take(self, batch: FrameBatch) -> None:
-        """Decode data-plane frames with the stamps of their reception; older ones than the cycle are late."""
+        """Decode data-plane frames with the stamps of their reception; older ones than the cycle are late.
+
+        Frames of TPDOs that run freely are taken whenever they come.
+        """
+        if self._has_free:
+            free_ns = self.freshness.answers.free_ns
+            n_free, has_changed = self.plan.unpack_free(batch, self.counts, self._stamps, free_ns)
+            self.has_news |= has_changed
+            self.counters.accepted += n_free
         n = batch.n
         if not self.is_open:
             self._take_late(n, batch)
@@ -142,17 +154,30 @@ class Gather:
 
     def close(self) -> Mask:
         """End the cycle and return which patches are fresh: every TPDO came in answer to this SYNC."""
-        self.is_open = False
+        self.is_open = self.has_news = False
         fresh = self.has_answered & (self.plan.expected != 0)
         if len(self._with_status):
             is_unusable = self._stamps[self._with_status, 1] & UNUSABLE != 0
             fresh[self.plan.pdo_patch[self._with_status[is_unusable]]] = False
-        if len(self._with_age):
-            low, high = self._stamps[self._with_age, 2:].T.astype(np.int64)
-            self.age_ns[:] = 0
-            np.maximum.at(self.age_ns, self.plan.pdo_patch[self._with_age], (low | high << 8) * AGE_STEP_NS)
-            fresh &= self.age_ns <= self._max_age_ns
+        age = np.zeros(self.plan.n_frames, np.int64)
+        low, high = self._stamps[self._with_age, 2:].T.astype(np.int64)
+        age[self._with_age] = (low | high << 8) * AGE_STEP_NS
+        if self._has_free:
+            fresh[self.plan.pdo_patch[self._is_due(age)]] = False
+        self.age_ns[:] = 0
+        np.maximum.at(self.age_ns, self.plan.pdo_patch, age)
+        fresh &= self.age_ns <= self._max_age_ns
         return self.freshness.judge(fresh)
+
+    def _is_due(self, age: npt.NDArray[np.int64]) -> Mask:
+        """Return which TPDOs that run freely have not come in time, (n_frames,).
+
+        What comes by a timer alone is older by the time since then, what is sent on a change is not.
+        """
+        plan, free_ns = self.plan, self.freshness.answers.free_ns
+        since_ns = np.maximum(self._opened_ns - free_ns, 0)
+        age += since_ns * (plan.free & ~plan.on_change[plan.pdo_patch])
+        return np.asarray(plan.free & ((free_ns == 0) | (since_ns > plan.pause_ns)))
 
     def _take_late(self, n: int, batch: FrameBatch) -> None:
         """Count n frames of a closed cycle, those in the batch: they answer its SYNC, or one before."""
@@ -166,4 +191,4 @@ class Gather:
         self.freshness.take_back(-self.is_open)
 
     def _missing(self) -> int:
-        return int(np.bitwise_count(self.plan.expected[self.owing] & ~self.seen[self.owing]).sum())
+        return int(np.bitwise_count(self.plan.on_sync[self.owing] & ~self.seen[self.owing]).sum())

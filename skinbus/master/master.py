@@ -25,7 +25,7 @@ from skinbus.master.bus_master import BusMaster
 from skinbus.master.cycle import Cycle, CycleReport
 from skinbus.master.freshness import GAP, Freshness
 from skinbus.master.gather import Gather
-from skinbus.master.level_control import CycleFlags, LevelControl
+from skinbus.master.level_control import TPDO_BITS, CycleFlags, LevelControl
 from skinbus.master.other_master import Contest
 from skinbus.master.patches.provisioning import expected_nodes
 from skinbus.master.patches.table import Mask, PatchState, PatchTable
@@ -37,6 +37,9 @@ from skinbus.node.sync import MAX_COUNTER
 from skinbus.objects import cia
 from skinbus.objects.profile import MASTER_NODE_ID
 from skinbus.objects.readings import DEADLINE, ReadingsPlan
+
+SETTLE_FRAMES = 8
+"""Times of a frame from the first change on which a cycle is begun to its end: all TPDOs of two patches."""
 
 STALE = 2
 """Periods after which readings are too old to be shown: the process was stopped in the middle of a cycle."""
@@ -113,6 +116,11 @@ class Master(Core):
         self._sync_ns = NEVER
         self._deadline = NEVER
         self._n_left_out = 0  # SYNCs, on purpose, since the newest
+        self._is_free = bool(plan.free.any()) and not plan.on_sync.any()
+        """Whether all patches run freely: cycles begin with changes, too, and wait for more of them."""
+        self._wait_ns = round(DEADLINE * self.period_ns)
+        if self._is_free:
+            self._wait_ns = round(1e9 * SETTLE_FRAMES * TPDO_BITS / slowest)
         self.device.on_sync = self._sync
 
     @property
@@ -201,7 +209,7 @@ class Master(Core):
             self._begin_anew()
         frames_of = self._by_bus(frames)
         is_over = self.gather.is_open and (
-            self.gather.is_complete()
+            (self.gather.is_complete() and not self._is_free)
             or now_ns >= self._deadline
             or (self._follows and _has_sync(frames_of[0]))
         )
@@ -212,6 +220,8 @@ class Master(Core):
         self.freshness.started(now_ns, self.table)
         if is_over:
             self._close(now_ns)
+        if self._is_free and self.gather.has_news and not self.gather.is_open:
+            self._open(now_ns, self.table.is_running)
         sync: Frame | None = None
         for branch in self.branches:
             if sync is not None or branch in awake:
@@ -274,9 +284,6 @@ class Master(Core):
         """Open the cycle of a SYNC that the own node has just produced."""
         if self._sync_ns != NEVER:
             self.level_control.sync(now_ns - self._sync_ns - self._n_left_out * self.period_ns)
-        self._counter = counter or self._counter % MAX_COUNTER + 1  # a SYNC without counter is counted here
-        self._sync_ns = now_ns
-        self._deadline = now_ns + round(DEADLINE * self.period_ns)
         is_lost = np.array([branch.is_lost for branch in self.branches])[self.arm.patch_bus]
         is_running = self.table.is_running
         answering = np.asarray((is_running | self._follows) & ~is_lost)
@@ -287,7 +294,14 @@ class Master(Core):
             self.device.skip_sync()
         # silent ones are waited for only when they have answered in full
         is_heard = (self.table.state == PatchState.OPERATIONAL) | self.gather.has_answered
-        self.gather.open(now_ns, answering & is_running & is_heard)
+        self._open(now_ns, answering & is_running & is_heard, counter)
+
+    def _open(self, now_ns: int, owing: Mask, counter: int = 0) -> None:
+        """Open a cycle."""
+        self._counter = counter or self._counter % MAX_COUNTER + 1  # a SYNC without counter is counted here
+        self._sync_ns = now_ns
+        self._deadline = now_ns + self._wait_ns
+        self.gather.open(now_ns, owing)
 
     def _close(self, now_ns: int) -> None:
         """Close the cycle: estimate from what is fresh, publish, report."""

@@ -159,6 +159,11 @@ class Device(Core):
         """The nodes that 0x1016 names, and what is known of each."""
         return self._consumer.nodes
 
+    @property
+    def runs_freely(self) -> bool:
+        """Whether it sends any TPDO on a change or by a timer now, not in answer to a SYNC."""
+        return self._tpdo.runs_freely
+
     def get(self, index: int, sub: int = 0) -> Any:
         """A value of the dictionary; KeyError when there is no such entry."""
         return self.values.get(index, sub)

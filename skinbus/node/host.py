@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from heapq import heappop, heappush
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -34,9 +34,13 @@ class Sample(NamedTuple):
     """(n_tactels,) False where the count means nothing; a patch without any has stopped."""
 
 
+SCAN_NS: Final = 1_000_000
+"""From one look at the readings of patches that run freely to the next."""
+
 Source = Callable[[int], Sample]
 """Return the newest sample at a time (ns), without waiting; it is asked at each SYNC.
 
+For patches that run freely it is asked every ``SCAN_NS``, too.
 Counts that change come as a new array: one that was returned before is not looked at again.
 """
 
@@ -60,11 +64,13 @@ class PatchHost(Core):
             if index in device.layout.indices
         ]
         """Where the TPDOs of each patch find its readings."""
-        self._ends = np.cumsum([len(view) for view in self._shows])
+        self._sizes = np.array([len(view) for view in self._shows])
+        self._ends = np.cumsum(self._sizes)
         ends = [0, *self._ends.tolist()]
         self._tactels = [slice(*pair) for pair in pairwise(ends)]
         self._shown: Sample | None = None
         self._healthy = np.ones(ends[-1], np.bool_)
+        self._counts = np.concatenate(self._shows).astype(np.int32)
         self._lowest = np.concatenate([np.full(len(v), np.iinfo(v.dtype).min) for v in self._shows])
         self._ages = [
             device.image_view(*index_of(od, SAMPLE_AGE), 1)
@@ -83,10 +89,17 @@ class PatchHost(Core):
         self._wakes: list[tuple[int, int]] = []
         self._listeners: dict[int, list[int]] = {}
         self._heard: list[frozenset[int]] = [frozenset()] * len(devices)
+        self._free: set[int] = set()
+        self._scan_ns = NEVER
         self._cob_ids = frozenset({SYNC_ID})
         self._is_on = False
         self.deaf: frozenset[int] = frozenset()
         """Node-IDs of those that receive nothing now: their plug is pulled."""
+
+    @property
+    def runs_freely(self) -> bool:
+        """Whether any device does."""
+        return bool(self._free)
 
     @property
     def cob_ids(self) -> frozenset[int]:
@@ -109,6 +122,11 @@ class PatchHost(Core):
             for i in self._listeners.get(frame_id, ()):
                 if not self.deaf or self.devices[i].node_id not in self.deaf:
                     self._step(i, now_ns, (frame,), out, events)
+        if now_ns >= self._scan_ns:
+            self._scan_ns = now_ns + SCAN_NS
+            for i in self._show(now_ns):
+                if i in self._free:
+                    self._step(i, now_ns, (), out, events)
         while self._wakes and self._wakes[0][0] <= now_ns:
             wake_ns, i = heappop(self._wakes)
             if self._wake_ns[i] == wake_ns:
@@ -119,7 +137,7 @@ class PatchHost(Core):
     @property
     def wake_ns(self) -> int:
         """When a device is to be stepped next, ns."""
-        return self._wakes[0][0] if self._wakes else NEVER
+        return min(self._scan_ns, self._wakes[0][0] if self._wakes else NEVER)
 
     def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
         """Have the EMCY messages among these frames sent again."""
@@ -134,8 +152,8 @@ class PatchHost(Core):
             if wake_ns < NEVER:
                 heappush(self._wakes, (wake_ns, i))
 
-    def _show(self, now_ns: int) -> None:
-        """Put the newest readings where the TPDOs find them."""
+    def _show(self, now_ns: int) -> list[int]:
+        """Put the newest readings where the TPDOs find them; return which devices have others than before."""
         shown, sample = self._shown, self._source(now_ns)
         self._shown = sample
         age = np.clip((now_ns - sample.t_ns) // AGE_STEP_NS, 0, 0xFFFF)
@@ -144,14 +162,19 @@ class PatchHost(Core):
                 view[0] = age[i]
         self._age = age
         if shown and sample.counts is shown.counts and sample.healthy is shown.healthy:
-            return
+            return []
         if not shown or sample.healthy is not shown.healthy:
             self._judge(now_ns, sample.healthy)
         counts = sample.counts
         if not self._healthy.all():
             counts = np.where(self._healthy, counts, self._lowest)
-        for view, tactels in zip(self._shows, self._tactels, strict=True):
-            view[:] = counts[tactels]
+        changed = np.flatnonzero(
+            np.logical_or.reduceat(counts != self._counts, self._ends - self._sizes)
+        ).tolist()
+        for i in changed:
+            self._shows[i][:] = counts[self._tactels[i]]
+        self._counts = counts
+        return changed
 
     def _judge(self, now_ns: int, healthy: npt.NDArray[np.bool_]) -> None:
         """Report the patches of which tactels are no longer healthy, or are again."""
@@ -191,6 +214,9 @@ class PatchHost(Core):
         out += step.frames
         events += step.events
         self.wake(i, step.wake_ns)
+        if device.runs_freely != (i in self._free):
+            self._free ^= {i}
+            self._scan_ns = now_ns + SCAN_NS if self._free else NEVER
         if device.cob_ids is not self._heard[i]:
             self._heard[i] = device.cob_ids
             self._listen()

@@ -94,6 +94,11 @@ class TpdoService:
                 self._start(pdo)
         self._plan()
 
+    @property
+    def runs_freely(self) -> bool:
+        """Whether any PDO is sent on an event or by its timer now."""
+        return bool(self._by_event)
+
     def withhold(self, is_withheld: bool) -> None:
         """Send no readings from now on, or again; where the status of samples is mapped it says it all."""
         self._is_withheld = is_withheld

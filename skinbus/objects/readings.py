@@ -17,10 +17,18 @@ import numpy as np
 import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
 
+from skinbus.can.core import NEVER
 from skinbus.can.frame import ERROR, EXTENDED, MAX_DATA, RTR, FrameBatch
 from skinbus.model import Arm, PlacedPatch
+from skinbus.objects.cia import (
+    ANALOGUE_DELTA,
+    ANALOGUE_INTERRUPT_ENABLE,
+    ANALOGUE_TRIGGER,
+    TransmissionType,
+    Trigger,
+)
 from skinbus.objects.pdo import PdoMap, carries_readings, readings_in, tpdos
-from skinbus.objects.profile import SAMPLE_AGE, SAMPLE_COUNTER, SAMPLE_STATUS, Name, has, index_of
+from skinbus.objects.profile import SAMPLE_AGE, SAMPLE_COUNTER, SAMPLE_STATUS, Name, has, index_of, number_at
 
 Counts = npt.NDArray[np.int32]
 Stamps = npt.NDArray[np.uint8]
@@ -34,6 +42,10 @@ NO_PLAIN: Final = EXTENDED | RTR | ERROR
 
 DEADLINE: Final = 0.9
 """Share of the period after which a cycle closes with what it has: leaves a tenth to compute and publish."""
+
+
+TIMER_SLACK: Final = 1.5
+"""Times the event timer without a frame before a patch that runs freely is silent: frames queue."""
 
 
 class Unpacked(NamedTuple):
@@ -61,6 +73,8 @@ class Answers(NamedTuple):
     """(n_patches,) of them frames that answer no SYNC, and differ from the one that did."""
     last_ns: npt.NDArray[np.int64]
     """(n_patches,) time of the last frame."""
+    free_ns: npt.NDArray[np.int64]
+    """(n_frames,) time of the newest frame of each TPDO that runs freely, 0 for none; it answers no SYNC."""
     counter: Counts
     """(1,) counter of the newest SYNC, 0 for none; a frame that carries another one does not answer it."""
 
@@ -72,6 +86,10 @@ class ReadingsPlan:
     cob_ids:       identifiers that carry readings, on whatever bus
     cob_ids_on:    the same by bus
     expected:      (n_patches,) bit mask of the TPDOs that make a reading complete
+    on_sync:       (n_patches,) those of them that answer a SYNC; the others run freely
+    free:          (n_frames,) bool, whether a PDO runs freely: it is sent on a change or by a timer
+    pause_ns:      (n_frames,) longest time between two frames of one that does
+    on_change:     (n_patches,) bool, whether what a patch sent last holds until it sends something else
     counts_scale:  (n_tactels,) Pa per count, before gain
     counts_offset: (n_tactels,) counts at no pressure
     pdo_patch:     (n_frames,) patch of each PDO with readings
@@ -96,6 +114,17 @@ class ReadingsPlan:
         self.pdo_bit = np.left_shift(1, np.array(numbers, np.int32))
         self.expected = np.zeros(self.n_patches, np.int32)
         np.bitwise_or.at(self.expected, self.pdo_patch, self.pdo_bit)
+        self.free = np.array(
+            [pdo.transmission_type >= TransmissionType.EVENT_MANUFACTURER for pdo in pdos], np.bool_
+        )
+        self.on_sync = np.zeros_like(self.expected)
+        np.bitwise_or.at(self.on_sync, self.pdo_patch[~self.free], self.pdo_bit[~self.free])
+        timers = [round(TIMER_SLACK * 1e6 * pdo.event_timer_ms) or NEVER for pdo in pdos]
+        self.pause_ns = np.array(timers, np.int64)
+        self.on_change = np.array([number_at(od, ANALOGUE_INTERRUPT_ENABLE) != 0 for od in ods])
+        self._delta = np.concatenate(
+            [_deltas(od, arm.patches[p].patch.n_tactels) for p, od in enumerate(ods)]
+        )
         bus = np.array([arm.patches[p].bus for p in patches], np.uint8)
         cob_id = np.array([pdo.cob_id for pdo in pdos], np.uint32)
         self._length = np.array([pdo.length for pdo in pdos], np.uint8)
@@ -123,12 +152,13 @@ class ReadingsPlan:
         """Return an account in which no SYNC is unanswered."""
         came, n_frames, n_excess = np.zeros((3, self.n_patches), np.int32)
         due, last_ns = np.zeros(self.n_frames, np.int32), np.zeros(self.n_patches, np.int64)
-        return Answers(due, came, n_frames, n_excess, last_ns, np.zeros(1, np.int32))
+        free_ns = np.zeros(self.n_frames, np.int64)
+        return Answers(due, came, n_frames, n_excess, last_ns, free_ns, np.zeros(1, np.int32))
 
     def unanswered(self, answers: Answers) -> Counts:
         """Return the most SYNCs that a TPDO of each patch has not answered, (n_patches,)."""
         most = np.zeros(self.n_patches, np.int32)
-        np.maximum.at(most, self.pdo_patch, answers.due)
+        np.maximum.at(most, self.pdo_patch, answers.due * ~self.free)
         return most
 
     def new_stamps(self) -> Stamps:
@@ -155,20 +185,15 @@ class ReadingsPlan:
             stamps: (n_frames, 4) uint8, as ``stamped``; of the PDOs that came and carry them.
             answers: the account of SYNCs and their answers, which is kept.
         """
-        frames = batch.frames[: batch.n]
-        bus, can_id = frames["bus"], frames["can_id"]
-        n_buses, n_ids = self._pdo_of.shape
-        pdo = self._pdo_of[np.minimum(bus, n_buses - 1), np.minimum(can_id, n_ids - 1)]
-        pdo[(bus >= n_buses) | (can_id >= n_ids) | (frames["flags"] & NO_PLAIN != 0)] = -1
+        pdo, is_wrong = self._classify(batch)
         is_known = pdo >= 0
-        is_wrong = is_known & (frames["length"] != self._length[pdo])
         if wrong is not None:
             np.add.at(wrong, self.pdo_patch[pdo[is_wrong]], 1)
         (rows,) = np.nonzero(is_known & ~is_wrong)
         result = Unpacked(len(rows), len(pdo) - int(is_known.sum()), int(is_wrong.sum()))
         if not len(rows):
             return result
-        pdo, data = pdo[rows], frames["data"][rows]
+        pdo, data = pdo[rows], batch.frames["data"][rows]
         if answers is not None:
             answer, excess = self._account(pdo, data, batch.t_ns[rows], answers)
             self._write(pdo[answer], data[answer], counts, seen, stamps)
@@ -179,6 +204,37 @@ class ReadingsPlan:
         else:
             self._write(pdo, data, counts, seen, stamps)
         return result
+
+    def unpack_free(
+        self, batch: FrameBatch, counts: Counts, stamps: Stamps, free_ns: npt.NDArray[np.int64]
+    ) -> tuple[int, bool]:
+        """Take the frames of TPDOs that run freely out of a batch; write their readings, and when they came.
+
+        Returns:
+            How many there were, and whether one was sent because its readings changed.
+        """
+        pdo, is_wrong = self._classify(batch)
+        is_free = (pdo >= 0) & ~is_wrong & self.free[pdo]
+        pdo, rows = pdo[is_free], np.flatnonzero(is_free)
+        if not len(rows):
+            return 0, False
+        data, free_ns[pdo] = batch.frames["data"][rows], batch.t_ns[rows]
+        tactels, values = self._decode(pdo, data)
+        change = np.abs(values - counts[tactels]) > self._delta[tactels]
+        self._write(pdo, data, counts, np.zeros_like(self.expected), stamps)
+        kept = np.flatnonzero(~is_free)
+        batch.frames[: len(kept)], batch.t_ns[: len(kept)] = batch.frames[kept], batch.t_ns[kept]
+        batch.n = len(kept)
+        return len(rows), bool((change.any(axis=1) & self.on_change[self.pdo_patch[pdo]]).any())
+
+    def _classify(self, batch: FrameBatch) -> tuple[Counts, Any]:
+        """Return the PDO of each frame, -1 for none, and which are of a wrong length."""
+        frames = batch.frames[: batch.n]
+        bus, can_id = frames["bus"], frames["can_id"]
+        n_buses, n_ids = self._pdo_of.shape
+        pdo = self._pdo_of[np.minimum(bus, n_buses - 1), np.minimum(can_id, n_ids - 1)]
+        pdo[(bus >= n_buses) | (can_id >= n_ids) | (frames["flags"] & NO_PLAIN != 0)] = -1
+        return pdo, (pdo >= 0) & (frames["length"] != self._length[pdo])
 
     def _write(self, pdo: Counts, data: Stamps, counts: Counts, seen: Counts, stamps: Stamps | None) -> None:
         """Write the readings and stamps of frames; of two frames of a PDO the later one counts."""
@@ -233,6 +289,14 @@ def _carriers(patch: int, od: ObjectDictionary) -> list[PdoMap]:
     if len(carriers) > MAX_TPDOS:
         raise ValueError(f"patch {patch} has {len(carriers)} TPDOs with readings; at most {MAX_TPDOS}")
     return carriers
+
+
+def _deltas(od: ObjectDictionary, n: int) -> Counts:
+    """Return by how much each reading of a patch must change to be sent, (n_tactels,) counts (CiA 401)."""
+    subs = range(1, n + 1)
+    by_delta = [number_at(od, ANALOGUE_TRIGGER, k) & Trigger.DELTA for k in subs]
+    deltas = [number_at(od, ANALOGUE_DELTA, k) if used else 0 for k, used in zip(subs, by_delta, strict=True)]
+    return np.array(deltas, np.int32)
 
 
 def _entries(

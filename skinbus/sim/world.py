@@ -67,6 +67,7 @@ class World(Core):
         self._repeat_s = scene.duration_s if repeat else inf
         self._times: deque[int] = deque(maxlen=_HISTORY)
         """Of the last samples, ns."""
+        self._sampled_ns = 0
         self.n_samples = 0
         """Samples taken so far."""
         boot_s = stream(scene.seed, "boot").uniform(*BOOT_S, arm.n_patches)
@@ -168,13 +169,18 @@ class World(Core):
                 self.on_sample(now_ns, t_s)
             self._has_sample = [False] * len(self.hosts)
             self.sampler.sample(t_s)
+            self._sampled_ns = now_ns
         self._has_sample[k] = True
 
     def _newest(self, k: int, now_ns: int) -> Sample:
-        """Return what the patches of bus k read."""
+        """Return what the patches of bus k read: between SYNCs, too, where they run freely."""
+        if self._times and self.hosts[k].runs_freely and now_ns > self._times[-1]:
+            since_s = min(1e-9 * (now_ns - self._times[-1]), 1e-9 * self._period_ns)
+            self.sampler.sample((self._scene_s(self.n_samples - 1) + since_s) % self._repeat_s)
+            self._sampled_ns = now_ns
         if self._sampled is not self.sampler.counts:
             self._sampled = self.sampler.counts
             self._counts = [self._sampled[tactels] for tactels in self._tactels]
-        t_ns = self._times[-1] if self._times else now_ns
+        t_ns = self._sampled_ns if self._times else now_ns
         n = len(self.hosts[k].devices)
         return Sample(self._counts[k], np.full(n, t_ns), self._healthy[self._tactels[k]])

@@ -474,6 +474,8 @@ class Supervisor(PatchMonitor):
             self._report(now_ns, kind, p, detail=reason)
 
     def _start_patch(self, now_ns: int, p: int) -> None:
+        if self.table.nmt[p] == NmtState.OPERATIONAL:  # with the start it sends what has not changed, too
+            self._command(p, NmtCommand.PRE_OPERATIONAL)
         self._enter(p, PatchState.OPERATIONAL)
         self.table.nmt[p] = NmtState.OPERATIONAL
         self.table.last_heard[p] = self._started_at[p] = now_ns

@@ -1,0 +1,149 @@
+"""What 126 patches cost that send on a change, and how soon a touch is published.
+
+They are on six buses, beside the same patches that answer 50 SYNCs a second. Wires and boards are simulated;
+the master is real, and its compute time is added to the latencies: `python -m tests.bench.free_running`.
+"""
+
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from skinbus.can.virtual_buses import VirtualBuses
+from skinbus.master import Master
+from skinbus.objects.eds import find_eds
+from skinbus.objects.eds_text import EdsText
+from skinbus.sim import World, load_scene
+
+N, N_BUSES, N_TOUCHES = 126, 6, 100
+FORCE_N, RAMP_S, TOUCH_S = 3.0, 0.03, 0.3
+DELTA, EVENT_MS = 60, 5000
+"""Change that is sent, 0.46 kPa; every patch says all it reads again after so long."""
+
+
+def write_eds(path):
+    """The shipped board, sending on a change."""
+    eds = EdsText(find_eds("skin-patch").read_text("utf-8"))
+    for number in range(4):
+        eds.put(f"180{number}sub2", "DefaultValue", 254)
+        eds.put(f"180{number}sub5", "DefaultValue", EVENT_MS)
+    for k in range(1, 17):
+        eds.put(f"6421sub{k:X}", "DefaultValue", 4)
+        eds.put(f"6426sub{k:X}", "DefaultValue", DELTA)
+    eds.put("6423", "DefaultValue", 1)
+    path.write_text(eds.text())
+
+
+def write_arm(folder, eds, rate_hz):
+    """Planes with two rows of boards, each on a bus of its own."""
+    text = f'[arm]\nname = "planes"\nrate_hz = {rate_hz}\n'
+    for bus in range(N_BUSES):
+        text += f'[[bus]]\nname = "b{bus}"\n'
+    for bus in range(N_BUSES):
+        text += f'[[link]]\nname = "l{bus}"\nsurface = "plane"\nlength_mm = 570.0\nwidth_mm = 110.0\n'
+    for p in range(N):
+        bus, k = divmod(p, N // N_BUSES)
+        s_mm, a_mm = 26.0 + 51.0 * (k // 2), 51.0 * (k % 2) - 25.5
+        text += f'[[patch]]\nnode_id = {p + 1}\nlink = "l{bus}"\nbus = "b{bus}"\n'
+        text += f's_mm = {s_mm}\na_mm = {a_mm}\neds = "{eds}"\n'
+    (folder / "planes.toml").write_text(text)
+
+
+def write_scene(folder, starts_s):
+    """Touches at random places, one after the other."""
+    rng = np.random.default_rng(1)
+    text = '[scene]\ntitle = "touches"\narm = "planes.toml"\nduration_s = 1000.0\n'
+    for start in starts_s:
+        link, s_mm, a_mm = rng.integers(N_BUSES), rng.uniform(20.0, 490.0), rng.uniform(-45.0, 45.0)
+        ends = [
+            [start, 0.0],
+            [start + RAMP_S, FORCE_N],
+            [start + TOUCH_S, FORCE_N],
+            [start + TOUCH_S + RAMP_S, 0.0],
+        ]
+        text += f'[[touch]]\nlink = "l{link}"\ns_mm = {s_mm}\na_mm = {a_mm}\nforce_n = {ends}\n'
+    (folder / "scene.toml").write_text(text)
+
+
+class Timed:
+    """The time that a master computes."""
+
+    def __init__(self, master):
+        self.spent_ns = 0
+        for name in ("step", "take"):
+            setattr(master, name, self.timed(getattr(master, name)))
+
+    def timed(self, call):
+        def run(*given):
+            begin = time.thread_time_ns()
+            try:
+                return call(*given)
+            finally:
+                self.spent_ns += time.thread_time_ns() - begin
+
+        return run
+
+
+def play(folder, seconds, starts_s=()):
+    """Return frames and master's CPU a second while nothing touches, and the latencies of touches, ms."""
+    write_scene(folder, starts_s)
+    scene = load_scene(folder / "scene.toml")
+    world, cycles = World(scene), []
+    begun = []
+    world.on_sample = lambda now_ns, t_s: begun.append(now_ns - round(1e9 * t_s))
+    wires = VirtualBuses([1_000_000] * N_BUSES)
+    wires.attach(world)
+    timed = None
+
+    def note(report):
+        cycles.append((report.t_ns + report.latency_ns, timed.spent_ns, len(report.contacts)))
+
+    master = Master(scene.arm, on_cycle=note)
+    timed = Timed(master)
+    wires.attach(master)
+    wires.run(4_000_000_000)
+    assert master.table.is_running.all()
+    n, cpu_ns = sum(wire.n_frames for wire in wires.wires), timed.spent_ns
+    wires.run(4_000_000_000 + round(1e9 * seconds))
+    idle = (sum(w.n_frames for w in wires.wires) - n) / seconds, 1e-9 * (timed.spent_ns - cpu_ns) / seconds
+    print(*idle, flush=True)
+    latencies = []
+    threshold = scene.arm.patches[0].patch.threshold
+    for start in starts_s:
+        times = start + np.arange(0.0, RAMP_S, 1e-4)
+        crossing_s = next((t for t in times if scene.pressures(t).max() >= threshold), None)
+        if crossing_s is None:  # in a gap between boards
+            continue
+        del cycles[:]
+        wires.run(begun[-1] + round(1e9 * (start + TOUCH_S)))
+        k = next((k for k, cycle in enumerate(cycles) if cycle[2]), None)
+        if k is None:
+            latencies.append(np.inf)
+            continue
+        compute_ns = cycles[k][1] - (cycles[k - 1][1] if k else cycles[k][1])
+        latencies.append(1e-6 * (cycles[k][0] - begun[-1] + compute_ns) - 1e3 * crossing_s)
+        wires.run(begun[-1] + round(1e9 * (start + TOUCH_S + 0.1)))
+    return *idle, np.array(latencies)
+
+
+def main():
+    """Print the figures."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_arm(folder, "skin-patch", 50.0)
+        frames, cpu, _ = play(folder, 1.0)
+        write_eds(folder / "free.eds")
+        write_arm(folder, "free.eds", 5.0)
+        starts_s = 10.0 + 0.5 * np.arange(N_TOUCHES) + np.random.default_rng(0).uniform(0.0, 0.05, N_TOUCHES)
+        free_frames, free_cpu, latencies = play(folder, 4.0, starts_s.tolist())
+    title = f"{N} patches on {N_BUSES} buses, nothing touches:"
+    print(title, "50 SYNCs a second", f"{frames:.0f} frames/s, {cpu:.3f} of a core in the master;")
+    print(f"on change {free_frames:.0f} ({free_frames / frames:.1%}), {free_cpu:.3f} ({free_cpu / cpu:.1%})")
+    p50, p99 = np.percentile(latencies, (50, 99))
+    print(f"{len(latencies)} touches, from crossing the threshold to the contact:")
+    print(f"median {p50:.1f}, 99 % {p99:.1f}, worst {latencies.max():.1f} ms")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,170 @@
+"""Patches that send on a change or by a timer of their own, beside others and alone."""
+
+import numpy as np
+import pytest
+
+from skinbus.can.virtual_bus import VirtualBus
+from skinbus.master import Master
+from skinbus.sim import World, load_scene
+
+MS = 1_000_000
+TOUCH_S = 1.0
+ARM = """
+[arm]
+name = "free"
+rate_hz = {rate_hz}
+[[link]]
+name = "plate"
+surface = "plane"
+length_mm = 160.0
+width_mm = 60.0
+[[patch]]
+node_id = 1
+link = "plate"
+s_mm = 26.0
+set = {first}
+[[patch]]
+node_id = 2
+link = "plate"
+s_mm = 78.0
+set = {second}
+"""
+SCENE = """
+[scene]
+title = "a press on the first board, then on both"
+arm = "free.toml"
+duration_s = 100.0
+[[touch]]
+link = "plate"
+s_mm = 30.0
+a_mm = 4.0
+force_n = [[1.0, 0.0], [1.02, 5.0], [2.0, 5.0], [2.02, 0.0]]
+[[touch]]
+link = "plate"
+s_mm = 78.0
+a_mm = 0.0
+force_n = [[4.0, 0.0], [4.02, 5.0], [5.0, 5.0], [5.02, 0.0]]
+"""
+
+
+def by_events(event_ms=0, *, on_change=True):
+    """What a patch is set to that runs freely."""
+    values = {"0x6423": "true" if on_change else "false", "0x6421": str([4] * 16), "0x6426": str([60] * 16)}
+    for index in range(0x1800, 0x1804):
+        values |= {f"0x{index:X}:02": 254, f"0x{index:X}:03": 0, f"0x{index:X}:05": event_ms}
+    return "{" + ", ".join(f'"{key}" = {value}' for key, value in values.items()) + "}"
+
+
+class Rig:
+    """Two boards on a plate, the world of a scene, and its master."""
+
+    def __init__(self, folder, first, second, rate_hz=50.0):
+        (folder / "free.toml").write_text(ARM.format(rate_hz=rate_hz, first=first, second=second))
+        (folder / "scene.toml").write_text(SCENE)
+        self.scene = load_scene(folder / "scene.toml")
+        self.world = World(self.scene)
+        self.cycles, self.readings = [], []
+        self.wire = VirtualBus(self.scene.arm.bus.bitrate)
+        self.port = self.wire.attach(self.world)
+        self.master = Master(self.scene.arm, on_cycle=self.cycles.append)
+        self.wire.attach(self.master)
+        self.wire.tap(self.hear)
+        self.world.on_sample = self.note
+        self.offset_ns = 0
+
+    def hear(self, frame):
+        if 0x180 <= frame.can_id < 0x500 and frame.can_id & 0x7F in (1, 2):
+            self.readings.append(frame)
+
+    def note(self, now_ns, t_s):
+        if not self.offset_ns:
+            self.offset_ns = now_ns - round(1e9 * t_s)
+
+    def run_to(self, scene_s):
+        """Return the cycles until a time of the scene; its first is the first SYNC."""
+        if not self.offset_ns:
+            self.wire.run(self.wire.now_ns + 600 * MS)
+            assert self.offset_ns
+        del self.cycles[:], self.readings[:]
+        self.wire.run(self.offset_ns + round(1e9 * scene_s))
+        return list(self.cycles)
+
+    def fresh(self):
+        return np.mean([cycle.fresh for cycle in self.cycles], axis=0).tolist()
+
+
+def test_patch_that_sends_on_change_is_fresh_beside_one_on_sync_and_silent_while_nothing_touches(tmp_path):
+    rig = Rig(tmp_path, by_events(), "{}")
+    rig.run_to(0.8)
+    rig.run_to(0.99)
+    assert rig.fresh() == [1.0, 1.0]
+    assert {frame.can_id & 0x7F for frame in rig.readings} == {2}
+    rig.run_to(1.1)
+    cycles = rig.run_to(1.9)
+    assert rig.fresh() == [1.0, 1.0]
+    assert all(len(cycle.contacts) == 1 for cycle in cycles)
+    assert cycles[-1].contacts.force[0] == pytest.approx(5.0, rel=0.2)
+    assert len(cycles) == pytest.approx(0.8 * 50, abs=1), "cycles are those of the SYNC"
+    rig.run_to(2.2)
+    assert not len(rig.run_to(2.5)[-1].contacts)
+
+
+def test_touch_on_patches_that_all_send_on_change_is_published_at_once_and_idle_costs_nothing(tmp_path):
+    rig = Rig(tmp_path, by_events(), by_events(), rate_hz=5.0)
+    rig.run_to(0.5)
+    cycles = rig.run_to(0.99)
+    assert not rig.readings
+    assert len(cycles) <= 3
+    assert rig.fresh() == [1.0, 1.0]
+    rig.run_to(1.03)
+    crossing = min(frame.t_ns for frame in rig.readings)
+    (first, *_) = [cycle for cycle in rig.cycles if len(cycle.contacts)]
+    assert first.t_ns + first.latency_ns - crossing < 5 * MS
+    held = rig.run_to(1.9)
+    assert len(held) < 10, "nothing changes"
+    assert all(len(cycle.contacts) == 1 for cycle in held)
+    rig.run_to(2.03)
+    assert not len(rig.cycles[-1].contacts)
+    assert len(rig.run_to(3.0)) < 10
+
+
+def test_patch_with_a_timer_of_its_own_is_used_with_the_age_of_its_frames(tmp_path):
+    rig = Rig(tmp_path, by_events(47, on_change=False), "{}")
+    rig.run_to(1.1)
+    cycles = rig.run_to(1.9)
+    assert rig.fresh() == [1.0, 1.0]
+    ages_ms = [(cycle.t_ns - cycle.tracks.seen_ns[0]) / MS for cycle in cycles]
+    assert min(ages_ms) < 15
+    assert 30 < max(ages_ms) <= 47
+    period = np.diff([frame.t_ns for frame in rig.readings if frame.can_id == 0x181]) / MS
+    assert period == pytest.approx(47, abs=2)
+
+
+@pytest.mark.parametrize(("event_ms", "on_change"), [(40, False), (40, True), (0, True)])
+def test_patch_that_is_gone_is_not_used_and_is_again_when_it_is_back(tmp_path, event_ms, on_change):
+    rig = Rig(tmp_path, by_events(event_ms, on_change=on_change), "{}")
+    rig.run_to(1.5)
+    assert rig.run_to(1.7)[-1].fresh.tolist() == [True, True]
+    rig.world.hosts[0].deaf = frozenset({1})
+    silence = rig.world.devices[0].step
+    rig.world.devices[0].step = lambda now_ns, frames=(): silence(now_ns, frames)._replace(frames=[])
+    rig.run_to(4.5)
+    assert rig.cycles[-1].fresh.tolist() == [False, True]
+    assert not rig.master.table.is_running[0]
+    rig.world.hosts[0].deaf = frozenset()
+    rig.world.devices[0].step = silence
+    rig.run_to(9.0)
+    assert rig.cycles[-1].fresh.tolist() == [True, True]
+
+
+def test_what_a_patch_sent_before_it_started_anew_is_not_used(tmp_path):
+    rig = Rig(tmp_path, by_events(), "{}")
+    rig.run_to(1.9)
+    rig.world.devices[0].step(
+        rig.wire.now_ns, [rig.readings[0]._replace(can_id=0, data=b"\x81\x01", flags=0)]
+    )
+    rig.world.hosts[0].wake(0, rig.wire.now_ns + 1)
+    rig.wire.wake(rig.port)
+    cycles = rig.run_to(2.9)
+    assert cycles[-1].fresh.tolist() == [True, True]
+    assert not len(cycles[-1].contacts), "the press has ended meanwhile"
