@@ -25,8 +25,8 @@ N_TRIANGLES, CUT, LEFT_OUT = 18, 4, 7
 
 
 def table(surface):
-    """Return rows of two boards with triangles side by side on a surface in an oblique frame."""
-    rows = np.zeros((2 * 192, 6))
+    """Return rows of three boards with triangles side by side on a surface in an oblique frame."""
+    rows = np.zeros((3 * 192, 6))
     for t in range(N_TRIANGLES):
         if t == LEFT_OUT:
             continue
@@ -129,7 +129,7 @@ def test_boards_are_laid_on_a_mesh(tmp_path):
         (lambda t: t.replace("[calibration]\n", "[calibration]\n0 0 x 0 0 0\n"), "line 5"),
         (lambda t: t.replace("[calibration]\n", "[calibration]\n0 0 nan 0 0 0\n"), "x y z nx ny nz"),
         (lambda t: t + "0 0 0 0 0 0\n", "12 for each triangle"),
-        (lambda t: t.replace("taxel2Repr (", "taxel2Repr (5 "), "385 numbers"),
+        (lambda t: t.replace("taxel2Repr (", "taxel2Repr (5 "), "577 numbers"),
         (lambda t: "", "rows"),
         (lambda t: text(np.zeros((192, 6))), "no tactel"),
     ],
