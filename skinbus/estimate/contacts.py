@@ -72,7 +72,7 @@ class Contacts:
     quality     :class:`Quality` flags
     status      outcome of the fit: 0 converged, 1 iteration limit
     size        u of what presses, see ``kernels.disc_shapes``; 0 where the law has no sizes
-    residual    root mean square of (reading - law) / noise; 0 at level kmeans, which fits nothing
+    residual    root mean square of (reading - law) / its deviation; 0 at level kmeans, which fits nothing
     covariance  (n, 3, 3) of s, a (m), force (N); zeros at level kmeans, which has none
     """
 

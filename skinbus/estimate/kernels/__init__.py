@@ -1,1 +1,1 @@
-"""Kernels that all levels share: array tables, layout, workspace, geometry, law, least squares, groups."""
+"""Kernels that all levels share: array tables, layout, workspace, geometry, law, places, offsets."""

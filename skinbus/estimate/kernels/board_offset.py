@@ -3,9 +3,10 @@
 Zeros of a board move together, with its temperature and supply, faster than a baseline follows. From a board
 with touched tactels, yet no certain press, the median is subtracted, and tactels that it alone has touched
 are free. A press is certain where a tactel stands out of the median by the threshold and what stands out is
-together a contact, or where the median is more than any offset explains. On such a board and those side by
-side with it the median is not that of an offset alone: there, and where nothing is touched, the offset is an
-unknown of the search, ``offset_variance``, unless the median is beyond any.
+together a contact, where a held tactel stands out, or where the median is more than any offset explains. On
+such a board and those side by side with it the median is not that of an offset alone: there, and where
+nothing is touched, the offset is an unknown of the search, ``offset_variance``, unless the median is beyond
+any.
 
 Failure modes: what presses all of a board alike by less than the threshold is an offset; an offset stays
 under a press and beside it.

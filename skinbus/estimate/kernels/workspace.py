@@ -106,7 +106,7 @@ class Search(NamedTuple):
     trial: Floats  # (g, 4)
     kind: Ints  # (g,) kind of size of each
     rows: Ints  # (g,) rows of the answer
-    kind_share: Floats  # (KINDS,) log prior share
+    kind_share: Floats  # (KINDS,) prior share
     kind_mean: Floats  # (KINDS,)
     kind_sd: Floats  # (KINDS,)
     force_prior: Floats  # (2,) mean and standard deviation of log force

@@ -1,10 +1,10 @@
 """One contact across seams, with its force by the contact law.
 
 Two clusters that border on each other across a seam are one contact if there is no valley between them:
-pressure
-does not fall, on the way from the lower maximum to the higher one, by more than noise and spread of gains
-make it (the rule of ``kmeans``). Borders are tried from the highest saddle down, so that four patches at a
-corner, or a contact as wide as a ring of patches, come together one by one. Distances wrap with the surface.
+pressure does not fall, on the way from the lower maximum to the higher one, by more than noise and spread of
+gains make it (the rule of ``kmeans``). Borders are tried from the highest saddle down, so that four patches
+at a corner, or a contact as wide as a ring of patches, come together one by one. Distances wrap with the
+surface.
 
 The force of a contact inverts the law (paper, eq. 10, 5, 6) in the sum over its tactels: the amplitude A with
 which sum (A g_j + h_j) is the pressure that they read. For the cone it is the mean of H_j = p_j + S d_j.
@@ -127,7 +127,7 @@ def describe(lay: Layout, w: Work, root: int, place: Floats) -> tuple[int, int, 
     # the amplitude by the sum over the tactels that share the law of the strongest (eq. 10)
     law = tactel_law[peak]
     laws, tables = lay.law_par, lay.law_table
-    foot = SPILL * pressure(laws, tables, law, 1.0, 0.0)[2]  # there the law is wrong by as much as it is
+    foot = SPILL * pressure(laws, tables, law, 1.0, 0.0)[2]  # below it the law errs by its own value
     top, bottom, floor = 0.0, 0.0, 0.0
     for t in range(n):
         i = member[t]

@@ -1,8 +1,9 @@
 """The answer of a group: its contacts with covariances and flags, from the hypotheses that were kept.
 
 The number of contacts is that of the best hypothesis. Of each contact, place and force are the mean over the
-hypotheses with that number whose kind of size is the simplest that holds ``REFUTED`` of the probability; the
-covariance is the second moment of all of them about it, so other sizes and other modes are part of it.
+hypotheses with that number whose kind of size is the simplest that holds ``REFUTED`` of the probability (tips
+and thumbs are one); the covariance is the second moment of all with that number about it, so other sizes and
+other modes are part of it.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def is_rival(q: Search, h: int, best: int) -> bool:
 
 @inner_kernel
 def simplest_kind(lay: Layout, q: Search, link: int, best: int, c: int) -> int:
-    """Return the simplest kind of size of contact c of the best hypothesis that is not refuted."""
+    """Return the simplest kind of size of contact c that is not refuted; ``TIP`` is tips and thumbs."""
     for kind in range(KINDS):
         q.row[kind] = 0.0
     total = 0.0
@@ -166,7 +167,7 @@ def flag_contact(
 def write_answer(lay: Layout, w: Work, q: Search, link: int, first: int, full: bool, is_cut: bool) -> None:
     """Write the contacts of the best hypothesis to the rows of group ``first``, and to new rows if more."""
     best, row, k = best_of(q), 0, 0
-    if is_cut:  # nothing is left for others
+    if is_cut:  # no budget is left to evaluate rivals
         q.h_score[best] += RIVAL
     for c in range(q.h_count[best]):
         while row < w.n_contacts[0] and not (w.alive[row] and w.group[row] == first):

@@ -3,11 +3,12 @@
 ::
 
     log evidence = -1/2 chi^2 - 1/2 log |N| + sum_k (log odds of a contact + log share of its kind)
-                   - sum_k log (B^2 sd_f sd_u)                                     (Laplace)
+                   - sum_k (log (B^2 sd_f sd_u) + max(log F_k - f, 0))             (Laplace)
 
 with the objective chi^2 and the normal matrix N of ``least_squares``, priors included: place uniform over a
-board (standard deviation B), log force, size by its kind. Factors of 2 pi cancel. Variances of readings are
-those of one hypothesis for all rivals: were each to have its own, weak forces would win by 5 to 7.
+board (standard deviation B), log force (mean f), size by its kind. Factors of 2 pi cancel. The last term is a
+factor 1 / F for forces above the usual one. Variances of readings are those of one hypothesis for all rivals:
+were each to have its own, weak forces would win by log odds of 5 to 7.
 
 Kinds of size: what a learned law was calibrated with, fingertips, tips, thumbs. A size u is that of
 ``disc_shapes``.

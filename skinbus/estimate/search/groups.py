@@ -2,8 +2,8 @@
 
 The search of a group keeps a list of hypotheses. It begins with the contacts as clustering found them, and
 tries the moves from the best hypothesis that was not expanded yet. ``fit`` ends when the best hypothesis
-explains the readings and was expanded, ``full`` when no hypothesis near the best is left; both end after
-``EXPANSIONS``. The budget is asked before each hypothesis.
+explains the readings and was expanded; ``full``, and ``fit`` of a misfit, when ``PATIENCE`` rivals were
+expanded after it or none near it is left. The budget is asked before each hypothesis.
 """
 
 from __future__ import annotations
@@ -128,8 +128,7 @@ def join_groups(lay: Layout, w: Work, growth: float) -> None:
 def list_tactels(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
     """List the tactels with a value near k contacts of ``theta``.
 
-    They are those within two pitches of a core, and of those that it may reach, and a pitch around them, the
-    touched ones.
+    They are all within two pitches of a core, and the touched ones within a pitch of its reach.
     """
     surface, n, near = surface_of(lay.link, link), 0, q.row
     for c in range(k):

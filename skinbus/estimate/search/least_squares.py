@@ -5,7 +5,8 @@
     minimise  chi^2(theta) + sum_k ((log F_k - f) / sd_f)^2 + ((u_k - u) / sd_u)^2
 
 Steps are those of Levenberg and Marquardt, damped in proportion to the diagonal: units do not matter. A step
-is bounded: a pitch, a factor e of the force. Places stay on the board of the nearest listed tactel.
+is bounded: a pitch, a factor e of the force, half a unit of u. Places stay on the board of the nearest listed
+tactel.
 
 Failure: a local minimum, which is why moves start from other places. Iterations are bounded; the outcome is a
 status. Source: J. Nocedal, S. Wright, Numerical Optimization (2006), 10.3.
@@ -31,13 +32,15 @@ CONVERGED, ITERATION_LIMIT = 0, 1
 BOARD: Final = 0.025
 """m, standard deviation of a place before anything is read: half a board."""
 ODDS: Final = -6.0
-"""Log prior odds of one contact more in a place where there is one."""
+"""Log prior odds of one contact more."""
 ITERATIONS: Final = 30
+"""Steps of a fit: half of all end after two, nine in ten after at most 17."""
 ROUGH, SETTLED = 0.05, 1e-6
 """Expected decrease of chi^2 at which a trial ends (0.2 standard deviations), and a fit (0.001)."""
 HOPE: Final = 4.0
 """Of what the next step promises: a fit falls by less from there on."""
 FIRST_DAMPING, LAST_DAMPING = 1e-3, 1e4
+"""Parts of the diagonal: nearly a Gauss-Newton step; steps so short that a fit ends there."""
 NEGLIGIBLE, EDGE = 1e-4, 1e-2
 """Decrease of chi^2, and damping from which on it means that the minimum is at an edge of the law."""
 HOPELESS = 1e20
@@ -61,7 +64,11 @@ def evaluate(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) 
 
 @inner_kernel
 def write_equations(lay: Layout, w: Work, q: Search, theta: Floats, k: int) -> None:
-    """Write normal matrix and gradient of the contacts evaluated last, priors included."""
+    """Write normal matrix and gradient of the contacts evaluated last, priors included.
+
+    The uncertainty of a place is bounded by the core, or a pitch, if that is less than ``BOARD``. The
+    gradient has no such part, for the prior is uniform.
+    """
     write_normal(lay, w, q, k)
     dof, normal, gradient, law = q.dof[0], q.normal, q.gradient, lay.law[q.listed[0]]
     for c in range(k):

@@ -4,15 +4,15 @@
 
     p_i = b_patch + sum_k A(F_k) g_i(d_ik; u_k) + noise        unknowns of a contact: s, a, log F and size u
 
-b_patch ~ N(0, offset_variance) is eliminated: with weights w_i and B = 1 / (sum w_i + 1 / offset_variance)
-over the tactels of a board, chi^2 is less by B (sum w_i r_i)^2 and the normal matrix by B (sum w_i J_i)(sum
-w_i J_i)'.
+with A, g and the h of a cone in ``kernels.law``. b_patch ~ N(0, offset_variance) is eliminated: with weights
+w_i and B = 1 / (sum w_i + 1 / offset_variance) over the tactels of a board, chi^2 is less by B (sum w_i
+r_i)^2 and the normal matrix by B (sum w_i J_i)(sum w_i J_i)'.
 
 Variances are those of :func:`weigh`, the same for all rivals: noise, the gains, and what the law cannot
 explain. A reading at full scale counts while the model predicts less. The misfit of a learned law has tails,
 those of Student's t with ``TAIL`` degrees of freedom, noise has none: of a part f of the variance that misfit
-causes, t with 4 + (TAIL - 4) / f^2 has the kurtosis. chi^2 is then -2 log of it, and weights are those of
-iterated least squares.
+causes, t with 4 + (TAIL - 4) / f^2 has the kurtosis. chi^2 is then nu log(1 + r^2 / (nu variance)), r^2 /
+variance where that is small, and weights are those of iterated least squares.
 
 Source: K. Lange, R. Little, J. Taylor, Robust statistical modeling using the t distribution (1989).
 """

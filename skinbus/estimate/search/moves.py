@@ -31,10 +31,10 @@ from skinbus.estimate.search.least_squares import copy_contact, copy_contacts, i
 from skinbus.jit import inner_kernel
 
 FELT, ENOUGH = 3.0, 4
-"""Standard deviations from which on a residual may be a contact; tactels to which a contact alone gives the
-threshold, from which on it has one mode."""
+"""Standard deviations from which on a residual may be a contact; tactels that a contact presses by their
+threshold, from which on its place has one mode."""
 AROUND, DIRECTIONS = 0.6, 5
-"""Pitches at which places around a contact are tried, and how many."""
+"""Pitches at which places around a contact are tried, and how many: one is towards the nearest tactel."""
 EVIDENT: Final = 16.0
 """chi^2 from which on another contact can gain more than it costs."""
 PER_CONTACT: Final = 5
