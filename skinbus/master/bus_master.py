@@ -24,8 +24,9 @@ from skinbus.node.device import Device
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 
-LATE_PERIODS = 6
-"""Between the stop and the boot of a patch: one that is late by four of them is silent for ``GAP`` then."""
+LATE_PERIODS = 6.25
+"""Between the stop and the boot of a patch: one that is late by four of them is silent for ``GAP`` then. Not
+whole: after the end of a cycle its start would meet a SYNC, and might overtake it on the wire."""
 
 
 class BusMaster:
@@ -137,7 +138,7 @@ class BusMaster:
         if doubled.any() and not self.has_other_master:
             self._take(self.supervisor.doubled(now_ns, doubled))
         if late.any() and not self.has_other_master:
-            self._take(self.supervisor.late(now_ns + 1000 * LATE_PERIODS * self._period_us, late))
+            self._take(self.supervisor.late(now_ns + round(1000 * LATE_PERIODS * self._period_us), late))
 
     def show(self, now_ns: int) -> None:
         """Write the states of patches and tactels to the objects."""
