@@ -15,7 +15,7 @@ from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
+from pydantic import ConfigDict, Field, with_config
 
 from skinbus.config.parameters import read
 from skinbus.config.toml_file import find_toml, names_in, read_toml
@@ -37,8 +37,10 @@ Tactels = Annotated[list[Annotated[int, Field(ge=-1, lt=MAX_TACTELS)]], Field(mi
 """Which tactel each number or bit is of; -1 for none."""
 IdPattern = Annotated[str, Field(pattern=f"^[01a-z]{{{ID_BITS}}}$")]
 DataPattern = Annotated[str, Field(pattern=r"^(([01a-z]{8}|[0-9A-F]{2})( |$)){0,8}$")]
+_STRICT: Final = ConfigDict(extra="forbid")
 
 
+@with_config(_STRICT)
 @dataclass(frozen=True)
 class Unhealthy:
     """A number in data with a bit for each tactel that does not work.
@@ -54,6 +56,7 @@ class Unhealthy:
     type: Type = "u1"
 
 
+@with_config(_STRICT)
 @dataclass(frozen=True)
 class BoardFault:
     """A bit in data that says that no reading of the patch is good."""
@@ -63,6 +66,7 @@ class BoardFault:
     text: str
 
 
+@with_config(_STRICT)
 @dataclass(frozen=True)
 class FrameTable:
     """``[[frame]]``: a frame with readings.
@@ -84,6 +88,7 @@ class FrameTable:
     faults: list[BoardFault] = field(default_factory=list)
 
 
+@with_config(_STRICT)
 @dataclass(frozen=True)
 class CommandTable:
     """``[[start]]``, ``[[stop]]``, ``[[poll]]``: a frame to the boards; its letters are of the address."""
@@ -92,6 +97,7 @@ class CommandTable:
     data: DataPattern = ""
 
 
+@with_config(_STRICT)
 @dataclass(frozen=True)
 class FrameFormat:
     """What the frames of a skin look like.

@@ -126,7 +126,7 @@ class Gateway(Core):
         return [Frame(can_id, data, now_ns, bus=SKIN) for can_id, data in every]
 
     def _check(self, arm: Arm, mine: Sequence[int]) -> None:
-        faults = [] if mine else ["no [[patch]] has an address"]
+        faults = [] if mine else [f"no [[patch]] of {arm.name} has an address"]
         seen: dict[str, int] = {}
         for k, address in zip(mine, self.addresses, strict=True):
             placed = arm.patches[k]

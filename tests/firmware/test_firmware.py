@@ -204,6 +204,17 @@ def test_board_with_few_objects_builds_and_keeps_every_rule(tmp_path):
 def test_project_builds_as_it_is_written(tmp_path):
     done = CliRunner().invoke(command, ["firmware", "skin-patch", "--out", str(tmp_path / "own")])
     assert not done.exit_code, done.output
-    make = ["make", "-s", "-C", tmp_path / "own", "socketcan", "skeleton"]
+    make = ["make", "-s", "-C", tmp_path / "own", "socketcan", "skeleton", "library"]
     built = subprocess.run(make, capture_output=True, text=True)
     assert (built.returncode, built.stderr) == (0, "")
+
+
+def test_project_is_written_again_but_never_over_other_files(tmp_path):
+    (tmp_path / "Makefile").write_text("mine")
+    words = ["firmware", "skin-patch", "--out"]
+    refused = CliRunner().invoke(command, [*words, str(tmp_path)])
+    assert refused.exit_code == 2
+    assert "holds other files" in refused.output
+    assert (tmp_path / "Makefile").read_text() == "mine"
+    twice = [CliRunner().invoke(command, [*words, str(tmp_path / "own")]).exit_code for _ in range(2)]
+    assert twice == [0, 0]

@@ -216,6 +216,8 @@ def test_an_address_that_the_format_has_not_is_refused(address):
         ('type = ">u2"', 'type = ">f8"', "type"),
         ('address = { b = "board", t = "triangle" }', "address = { b = 1, t = 2 }", "a text"),
         ("zero = 240", 'zero = 240\noffset = { q = "x" }', "offset"),
+        ("address = {", "adress = {", "adress"),
+        ("byte = 6, type", "byte = 6, typ", "typ"),
     ],
 )
 def test_a_wrong_format_is_refused_with_the_key(tmp_path, old, new, message):

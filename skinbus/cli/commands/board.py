@@ -180,7 +180,13 @@ def _dcf_of(module: str, board: NewBoard) -> str:
 @command.command("import")
 @click.argument("positions", type=click.Path(path_type=Path))
 @click.option("--mesh", help="Mesh of the link, in its frame, to lay the boards on; by default a fit.")
-@click.option("--first-board", default=1, show_default=True, help="Address of the first board in the file.")
+@click.option(
+    "--first-board",
+    default=1,
+    show_default=True,
+    type=click.IntRange(0, 15),
+    help="Address of the first board in the file.",
+)
 @click.option(
     "--out",
     required=True,
@@ -260,6 +266,10 @@ def firmware(eds: str, out: Path) -> None:
     Examples:
       skinbus board firmware my-board.eds --out my-board/
     """
+    if out.is_dir() and any(out.iterdir()) and not (out / "core/skin.h").exists():
+        raise click.BadParameter(
+            f"{out} holds other files; give a new folder, or one of a project written before"
+        )
     n_bytes, n_values = write_project(eds, out)
     echo(f"{out}: {n_values} values of {n_bytes} bytes; `make -C {out} socketcan` builds it for Linux")
 

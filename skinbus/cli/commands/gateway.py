@@ -9,6 +9,7 @@ from skinbus.cli.host import Host
 from skinbus.cli.options import seconds_option
 from skinbus.cli.output import echo
 from skinbus.config.system import load_arm, ods_of
+from skinbus.errors import AddressError
 from skinbus.gateway.frame_format import format_names, load_format
 from skinbus.gateway.gateway import Gateway
 from skinbus.skin.addresses import find_place, shown
@@ -40,10 +41,13 @@ def command(
     Examples:
       skinbus gateway icub-mtb4 upper-arm.toml --from can1 --to can0
       skinbus gateway my-skin.toml my-arm.toml --from can1 --to can0
+      skinbus gateway icub-mtb4 arm.toml --interface udp_multicast --from 239.74.163.3 --to 239.74.163.2
     """
     found, arm = load_format(format_name), load_arm(arm_name)
     gateway = Gateway(found, arm, ods_of(arm))
     places = [find_place(interface, canopen, arm.bus.bitrate), find_place(interface, skin, found.bitrate)]
+    if places[0][:2] == places[1][:2]:  # skins use identifiers of PDOs and NMT
+        raise AddressError(f"--from and --to are both {places[0]}; the skin needs a bus of its own")
     host = Host(
         gateway, *(place.open for place in places), final_frames=gateway.stop_frames, names=["", "skin"]
     )

@@ -35,7 +35,7 @@ def _function(ctx: click.Context, parameter: click.Parameter, value: str) -> Cal
     except (ImportError, AttributeError) as error:
         raise click.BadParameter(str(error)) from error
     if not callable(found):
-        raise click.BadParameter(f"{value} is a {type(found).__name__}; wanted a function")
+        raise click.BadParameter(f"{value} is of type {type(found).__name__}; wanted a function")
     function: Callable[[], Any] = found
     return function
 
@@ -43,7 +43,11 @@ def _function(ctx: click.Context, parameter: click.Parameter, value: str) -> Cal
 @click.command()
 @click.argument("eds")
 @click.option(
-    "--reader", "read", required=True, callback=_function, help="MODULE:FUNCTION that reads the sensor."
+    "--reader",
+    "read",
+    required=True,
+    callback=_function,
+    help="MODULE:FUNCTION that reads the sensor; the module may be in this folder.",
 )
 @click.option("--node", "node_id", required=True, type=click.IntRange(1, 126), help="Node-ID of the patch.")
 @click.option(

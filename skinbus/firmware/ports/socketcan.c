@@ -100,6 +100,10 @@ int main(int n, char **words)
     memset(&interface, 0, sizeof interface);
     strncpy(interface.ifr_name, words[1], IFNAMSIZ - 1);
     port.socket = socket(PF_CAN, SOCK_RAW, CAN_RAW);
+    if (port.socket < 0) {
+        perror("CAN");
+        return 1;
+    }
     setsockopt(port.socket, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on);
     if (ioctl(port.socket, SIOCGIFINDEX, &interface) == 0)
         address.can_ifindex = interface.ifr_ifindex;

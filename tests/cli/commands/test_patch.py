@@ -28,7 +28,7 @@ def test_example_reader_passes_the_check_of_boards(skinbus, group, monkeypatch):
         ("made_up_pad", "wanted MODULE:FUNCTION"),
         ("no_such_module:read", "No module named 'no_such_module'"),
         ("math:no_such_function", "no_such_function"),
-        ("math:pi", "math:pi is a float; wanted a function"),
+        ("math:pi", "math:pi is of type float; wanted a function"),
     ],
 )
 def test_words_that_name_no_function_are_refused(words, said):
