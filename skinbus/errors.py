@@ -109,10 +109,6 @@ class ConfigError(SkinbusError, ValueError):
         lines += [f"  {fault}" for fault in self.faults]
         return "\n".join(lines + ([f"  and {self.n_more} more like these"] if self.n_more else []))
 
-    def under_its_name(self) -> list[Fault]:
-        """Return the faults as those of another file, with the name of this one."""
-        return [Fault(f"{self.file} {fault.key}", fault.seen, fault.wanted) for fault in self.faults]
-
 
 class MissingFileError(ConfigError, FileNotFoundError):
     """There is no such file."""

@@ -29,7 +29,6 @@ from skinbus.bus.socketcan_batch import (
     raise_receive_buffer,
     to_frames,
 )
-from skinbus.can.clock import Clock
 from skinbus.can.error_frames import ERR_OF_INTEREST, FaultWatch
 from skinbus.can.event import Event
 from skinbus.can.frame import ERROR, Frame, FrameBatch
@@ -55,7 +54,6 @@ class SocketCanBus(Bus):
         channel: str = "can0",
         *,
         fd: bool = False,
-        clock: Clock | None = None,
         receive_buffer: int = RECEIVE_BUFFER,
     ) -> None:
         """Open it; bit rates are set by ``ip link``, not here.
@@ -65,7 +63,7 @@ class SocketCanBus(Bus):
         """
         self.channel = channel
         self.fd = fd
-        self.clock = clock or MonotonicClock()
+        self.clock = MonotonicClock()
         self.n_received = 0
         self._stuck = False
         self._receive_buffer = receive_buffer

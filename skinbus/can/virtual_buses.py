@@ -19,10 +19,9 @@ class VirtualBuses:
         bitrates: Sequence[int],
         *,
         data_bitrates: Sequence[int | None] = (),
-        clock: VirtualClock | None = None,
     ) -> None:
         """``data_bitrates`` make wires CAN FD, see ``VirtualBus``; by default none is."""
-        self.clock = clock or VirtualClock()
+        self.clock = VirtualClock()
         pairs = zip(bitrates, data_bitrates or [None] * len(bitrates), strict=True)
         self.wires = [VirtualBus(bitrate, data_bitrate=fast, clock=self.clock) for bitrate, fast in pairs]
 

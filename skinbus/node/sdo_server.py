@@ -67,12 +67,9 @@ class SdoServer:
 
     kind = Service.SDO
 
-    def __init__(
-        self, context: Context, dictionary: Dictionary, timeout_ns: int = DEFAULT_TIMEOUT_NS
-    ) -> None:
+    def __init__(self, context: Context, dictionary: Dictionary) -> None:
         self.context = context
         self.dictionary = dictionary
-        self.timeout_ns = timeout_ns
         self._index = self._sub = 0
         self._starts: dict[int, Callable[[bytes], Transfer]] = {
             DOWNLOAD: self._download,
@@ -136,7 +133,7 @@ class SdoServer:
         self._burst_ns = NEVER
         try:
             answers, self._goes_on = self._transfer.send(request)  # type: ignore[arg-type]
-            self._deadline_ns = self.context.now_ns + self.timeout_ns
+            self._deadline_ns = self.context.now_ns + DEFAULT_TIMEOUT_NS
             self.wake_ns = min(self._deadline_ns, self._burst_ns)
         except StopIteration as end:
             answers = end.value

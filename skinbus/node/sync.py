@@ -93,11 +93,11 @@ class SyncService:
         data = frame.data
         if len(data) > 1:
             self.context.drop(frame, "SYNC has a counter or nothing")
-            self._report_length(len(data))
+            self._report_length()
             return
         if len(data) != self._length:
             # It counts all the same; the missing or unexpected byte is an error (0x8240).
-            self._report_length(len(data))
+            self._report_length()
         elif self._length_wrong:
             self._length_wrong = False
             self.emcy.clear_error(EmcyCode.SYNC_LENGTH)
@@ -137,7 +137,7 @@ class SyncService:
             self._counter = 0
         self.on_change()
 
-    def _report_length(self, length: int) -> None:
+    def _report_length(self) -> None:
         if not self._length_wrong:
             self._length_wrong = True
             self.emcy.raise_error(EmcyCode.SYNC_LENGTH)

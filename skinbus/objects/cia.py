@@ -102,7 +102,6 @@ ACTIVE_MASTER_ID = 0x071
 """Which master is active (CiA 302-2, flying master)."""
 SYNC_ID = 0x080
 EMCY_BASE = 0x080
-TIME_ID = 0x100
 TPDO_BASES = (0x180, 0x280, 0x380, 0x480)
 """Of TPDO 1-4; add the node-ID."""
 RPDO_BASES = (0x200, 0x300, 0x400, 0x500)

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from skinbus.model import Arm
 from skinbus.model.mesh_surface import MeshSurface
 from skinbus.model.surface import places_on
-from skinbus.robot.chain import Chain, load_chain
+from skinbus.robot.chain import load_chain
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -103,10 +103,10 @@ class RobotFrames:
         SkinbusError: lxml is not installed.
     """
 
-    def __init__(self, arm: Arm, chain: Chain | None = None) -> None:
+    def __init__(self, arm: Arm) -> None:
         assert arm.robot is not None
         self.arm = arm
-        self.chain = chain = load_chain(arm.robot) if chain is None else chain
+        self.chain = chain = load_chain(arm.robot)
         self._shapes = np.stack([arm.link_radius, arm.link_taper, arm.link_period, arm.link_length])
         surfaces = [link.surface for link in arm.links]
         self._meshes = [(k, mesh) for k, mesh in enumerate(surfaces) if isinstance(mesh, MeshSurface)]
@@ -134,10 +134,6 @@ class RobotFrames:
         for j, parent in enumerate(chain.parent.tolist()):
             X_BJ[..., j, :, :] = X_BJ[..., parent, :, :] @ X_PJ[..., j, :, :]
         return X_BJ, X_BJ[..., chain.carrier, :, :] @ chain.X_CF
-
-    def surface_poses(self, positions: Floats) -> Floats:
-        """Return the poses (..., n_links, 4, 4) of the links' surfaces in the base."""
-        return self.poses(positions)[1][..., : len(self.arm.links), :, :]
 
     def place(self, contacts: Any, positions: Floats | None, sd: Floats | None = None) -> RobotContacts:
         """Return contacts on the robot.

@@ -50,7 +50,7 @@ def test_a_finger_is_where_it_is_in_the_world_and_a_palm_over_a_seam_is_one_cont
         assert found == ["forearm, near, upper", "upper arm, near, upper"]
         (finger,) = (contact for contact in cycle.contacts if contact.link.startswith("forearm"))
         (truth,) = (touch for touch in cycle.truth if touch.link == finger.link)
-        X = frames.surface_poses(scene.motion.positions(t_s))[names.index(finger.link)]
+        X = frames.poses(scene.motion.positions(t_s))[1][names.index(finger.link)]
         off.append(np.linalg.norm(finger.point("base") - (X[:3, :3] @ truth.point + X[:3, 3])))
         force.append(finger.force / truth.force)
     moved = scene.motion.positions(steady[-1][0]) - scene.motion.positions(steady[0][0])

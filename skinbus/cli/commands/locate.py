@@ -63,7 +63,7 @@ def command(arm: str, presses: Path, write: bool, out: Path | None) -> None:
     console.table(TITLES, [row_of(loaded, board) for board in found.boards])
     changes, is_faulty = {}, False
     for board in found.boards:
-        fault = fault_of(loaded, board, found.place_sd)
+        fault = fault_of(board, found.place_sd)
         is_faulty |= bool(fault)
         for text in remarks(board, fault, rows):
             console.print(f"node {loaded.node_label(board.patch)}: {text}", style="yellow", soft_wrap=True)
@@ -85,7 +85,7 @@ def row_of(arm: Arm, board: Located) -> tuple[str, ...]:
     return arm.node_label(board.patch), *cells, f"{len(board.used)} of {n_made}"
 
 
-def fault_of(arm: Arm, board: Located, scatter: float) -> str:
+def fault_of(board: Located, scatter: float) -> str:
     """Return why a board is not moved; nothing if it is. Presses scatter by ``scatter`` m."""
     right = "are s_mm and a_mm those of these presses, of this board, in this order, in millimetres?"
     if not board.used:

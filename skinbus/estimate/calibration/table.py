@@ -33,8 +33,6 @@ class Press(NamedTuple):
     """Of the file, for messages."""
     noise: Floats | None = None
     """(n_tactels of the patch,) Pa, what single readings scattered by; NaN where that is not known."""
-    is_single: bool = False
-    """Whether these are single readings, not means over cycles."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,7 +45,6 @@ class PressTable:
     force      (n,) N; None where it is not known, but the same in all
     pressures  (n, n_tactels) Pa, as the arm's gains give them; NaN for other patches and missing readings
     noise      (n, n_tactels) Pa, what single readings scattered by in a press; NaN where it is not known
-    are_single whether the readings are single ones, not means over cycles
     """
 
     arm: Arm
@@ -57,7 +54,6 @@ class PressTable:
     force: Floats | None
     pressures: Floats
     noise: Floats | None = None
-    are_single: bool = True
 
     def __len__(self) -> int:
         return len(self.s)
@@ -139,7 +135,6 @@ def tables_of(arm: Arm, presses: Sequence[Press]) -> Iterator[tuple[PressTable, 
             force=None if np.isnan(force[0]) else force,
             pressures=pressures,
             noise=noise,
-            are_single=all(press.is_single for press in rows),
         )
         yield table, np.array([press.line for press in rows], np.intp)
 

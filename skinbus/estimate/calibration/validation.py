@@ -82,15 +82,12 @@ def single_noise(table: PressTable, learned: Calibration) -> Floats:
     A calibration learns the noise of the readings it is made from. Means have less than what an estimator
     gets, cycle by cycle: with a noise half as large as it is, an arm on which nothing presses finds contacts.
     So it is what the file says, the median of all presses as most are far from a tactel, else what was
-    learned from single readings; of means of which nothing is known it is at least what the board declares.
+    learned, and at least what the board declares.
     """
-    noise = learned.noise
-    if not table.are_single:
-        noise = np.maximum(noise, np.asarray(table.arm.tactel_noise))
+    noise = np.maximum(learned.noise, np.asarray(table.arm.tactel_noise))
     if table.noise is None:
         return noise
     said = np.isfinite(table.noise).any(axis=0)
-    noise = noise.copy()
     # in the unit of the arm's gains; the learned ones take their place
     gain = np.asarray(learned.gain) / np.asarray(table.arm.tactel_gain)
     noise[said] = np.nanmedian(table.noise[:, said], axis=0) * gain[said]

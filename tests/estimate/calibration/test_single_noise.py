@@ -36,7 +36,6 @@ def pressed():
         force=np.full(60, 5.0),
         pressures=mean,
         noise=noise,
-        are_single=False,
     )
 
 
@@ -64,8 +63,6 @@ def test_what_a_file_says_of_single_readings_is_their_noise(pressed, learned):
 def test_of_means_without_it_the_noise_is_at_least_the_declared_one(pressed, learned):
     noise = single_noise(replace(pressed, noise=None), learned)
     assert (noise >= NOISE).all()
-    single = single_noise(replace(pressed, noise=None, are_single=True), learned)
-    np.testing.assert_array_equal(single, learned.noise)
 
 
 def test_missing_readings_are_left_out_of_means():

@@ -144,7 +144,7 @@ def reset(bench, *devices):
     bench.pass_ms(10)
 
 
-INQUIRE, CONFIGURE = b"\x5e", b"\x11"
+CONFIGURE = b"\x11"
 
 
 @pytest.mark.parametrize("node_ids", [(5, 7), (5, 5), (5, UNCONFIGURED), (UNCONFIGURED, UNCONFIGURED)])

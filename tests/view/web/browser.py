@@ -13,16 +13,6 @@ SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enab
 SOFTWARE += ["--disable-gpu-compositing"]  # as without a card: only what WebGL draws is drawn by SwiftShader
 
 
-NOTE_ALL = """
-  window.said = "";
-  new MutationObserver(changes => {
-    for (const change of changes)
-      for (const node of change.addedNodes) window.said += node.textContent + "\\n";
-  }).observe(document, {childList: true, subtree: true});
-"""
-"""A script of the page: keeps all texts that appear, also those that are gone before a busy machine looks."""
-
-
 class Tab:
     """A page in the browser."""
 
@@ -33,18 +23,12 @@ class Tab:
         page.on("request", lambda request: self.requests.append(request.url))
         page.on("websocket", lambda socket: self.requests.append(socket.url))
         page.on("pageerror", lambda error: self.errors.append(str(error)))
-        page.add_init_script(NOTE_ALL)
         page.on("console", lambda line: line.type == "error" and self.errors.append(line.text))
 
     def strangers(self, port):
         """Return what was fetched from elsewhere than the port of this machine."""
         here = tuple(f"{scheme}://127.0.0.1:{port}" for scheme in ("http", "ws", "blob:http"))
         return [url for url in self.requests if not url.startswith((*here, "data:"))]
-
-    def wait_until_said(self, text):
-        """Return when a text has appeared since the one that was awaited last."""
-        self.page.wait_for_function("text => window.said.includes(text)", arg=text, polling=50)
-        self.page.evaluate("text => { window.said = window.said.split(text).pop(); }", text)
 
     def close_alert(self):
         """Close what viser says to a browser without a graphics card."""
