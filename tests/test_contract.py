@@ -30,6 +30,7 @@ ALLOWED = {
     "gateway": "can model objects config node",
 }
 FREE = {
+    "arrays.py",
     "cli",
     "__init__.py",
     "__main__.py",
@@ -39,7 +40,7 @@ FREE = {
     "lazy.py",
     "printable.py",
 }  # all parts, or none by their nature
-EVERYONE_MAY = {"file_bytes", "errors", "jit", "lazy", "printable"}
+EVERYONE_MAY = {"arrays", "file_bytes", "errors", "jit", "lazy", "printable"}
 
 
 def imported_parts(path):

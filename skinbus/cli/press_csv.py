@@ -11,16 +11,14 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.cli.output import whole_file
 from skinbus.config.wording import header_faults
 from skinbus.errors import ConfigError, Fault, FaultList
 from skinbus.estimate.calibration.table import Press, mean_and_noise
 from skinbus.file_bytes import read_bytes
 from skinbus.model import Arm
-
-Floats = npt.NDArray[np.float64]
 
 MAX_BYTES: Final = 256 << 20
 """An hour of poses at 1 kHz."""

@@ -10,12 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.model.arm import PlacedPatch
 from skinbus.model.surface import Surface
-
-Floats = npt.NDArray[np.float64]
 
 _POINTS_PER_SIDE = 33  # half a step of 50 mm / 32 on a radius of 50 mm: 6 um
 _STEPS = np.arange(0.0, math.pi / 2.0, math.pi / 128.0)

@@ -45,13 +45,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Bools, Floats
 from skinbus.estimate.kernels.layout import limit_of, step_of
 from skinbus.estimate.kernels.workspace import FREE, HELD, TOUCHED
 from skinbus.estimate.validation import check_arm, check_time
 from skinbus.model import Arm
 
-Floats = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 Touches = npt.NDArray[np.int8]
 
 STEP_MOST_S: Final = 1.0

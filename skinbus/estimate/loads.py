@@ -36,15 +36,14 @@ import numpy.typing as npt
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from skinbus.arrays import Bools, Floats
 from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.contacts import Contacts, Quality
 from skinbus.estimate.kernels.layout import limit_of, step_of
 from skinbus.estimate.validation import check_arm
 from skinbus.model import Arm
 
-Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.intp]
-Bools = npt.NDArray[np.bool_]
 
 REACH: Final = 35e-3
 """Distance within which a press is felt and tactels are summed, m. Under a layer of 6 mm, 4 % of its force

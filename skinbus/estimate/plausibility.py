@@ -39,6 +39,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import erf
 
+from skinbus.arrays import Bools, Floats, Ints
 from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.columns import record
 from skinbus.estimate.kernels.layout import limit_of, step_of
@@ -46,9 +47,6 @@ from skinbus.estimate.validation import check_arm, check_time
 from skinbus.jit import inner_kernel, kernel
 from skinbus.model import Arm, Law
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
 Singles = npt.NDArray[np.float32]
 Rows = npt.NDArray[Any]
 

@@ -53,6 +53,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
+from skinbus.arrays import Bools, Floats, Ints
 from skinbus.estimate.columns import record
 from skinbus.estimate.contacts import Contacts
 from skinbus.estimate.kernels.geometry import LinkSurface, distance, surface_of, wrap
@@ -60,9 +61,6 @@ from skinbus.estimate.validation import check_arm, check_time
 from skinbus.jit import inner_kernel, kernel
 from skinbus.model import Arm
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
 Rows = npt.NDArray[Any]
 
 MAX_TRACKS: Final = 64

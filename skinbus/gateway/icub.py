@@ -17,19 +17,16 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from skinbus.arrays import Bools, Floats
 from skinbus.errors import ConfigError, Fault, FaultList
 from skinbus.file_bytes import read_bytes
 from skinbus.gateway.positions import lay_flat
 from skinbus.model import Surface
 from skinbus.objects.new_board import NewBoard
-
-Floats = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 MAX_BYTES: Final = 1 << 20
 """Sixteen boards of 192 rows with 50 characters are a sixth of this."""

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from skinbus.arrays import Floats
 
 FACING = 0.9
 """Share of x in a normal beyond which y is the direction of u."""

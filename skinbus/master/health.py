@@ -22,7 +22,6 @@ from skinbus.master.cycle import Cycle, CycleReport
 from skinbus.master.memory import MAX_NUMBER, digits_of, fingerprint, names_of, numbers_in, table_in
 from skinbus.model import Arm
 
-Floats = npt.NDArray[np.float64]
 Records = npt.NDArray[np.void]
 """Health of tactels, (n_tactels,) of ``DTYPE``."""
 

@@ -13,14 +13,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.estimate.baseline import KeptZeros
 from skinbus.estimate.tracking import KeptTrack
 from skinbus.master.cycle import Cycle
 from skinbus.model import Arm
-
-Floats = npt.NDArray[np.float64]
 
 DIGITS = 8
 """Significant digits of a pressure: a ten-thousandth of the noise of any converter."""

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
 
+from skinbus.arrays import Floats, Ints
 from skinbus.estimate import LEVELS, Contacts, Loads, Tracks, TrackState
 from skinbus.master.cycle import CycleReport
 from skinbus.master.gather import FrameCounters
@@ -33,9 +34,6 @@ from skinbus.objects.contacts import (
 )
 from skinbus.objects.eds import load_eds
 from skinbus.objects.published import published
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 AREA_STEP = 1e-6
 """m^2 per count of a touched area."""

@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.model.bend import COLUMNS, bent
 from skinbus.model.law import Cone, Law
 from skinbus.model.limits import MOST_LENGTH, check_numbers
@@ -17,7 +18,6 @@ from skinbus.model.patch import Patch
 from skinbus.model.robot import RobotSettings
 from skinbus.model.surface import Surface
 
-Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
 
 

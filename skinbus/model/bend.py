@@ -19,9 +19,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.jit import inner_kernel
-
-Floats = npt.NDArray[np.float64]
 
 EXPONENTS: Final = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 """Of x and y, by column of a row."""

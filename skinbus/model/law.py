@@ -20,9 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.model.limits import ANY, LENGTH, MOST, SIZE, check_numbers
-
-Floats = npt.NDArray[np.float64]
 
 EXPONENT = (0.01, 100.0)
 NOT_NEGATIVE = (0.0, MOST)

@@ -8,12 +8,11 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.model.law import Cone, Law
 from skinbus.model.limits import ANY, LENGTH, MOST, MOST_LENGTH, SIZE, check_numbers
 from skinbus.model.residual_map import ResidualMap
 from skinbus.model.transducer import Transducer
-
-Floats = npt.NDArray[np.float64]
 
 MAX_TACTELS = 64
 """The width of the health mask."""

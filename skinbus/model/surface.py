@@ -24,9 +24,8 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.model.limits import MOST_LENGTH
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

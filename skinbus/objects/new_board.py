@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.can.fd import CLASSIC_BYTES, MAX_BYTES
 from skinbus.errors import EdsError, Fault
 from skinbus.model.patch import MAX_TACTELS
@@ -28,8 +28,6 @@ from skinbus.objects.eds import build_od, find_eds
 from skinbus.objects.eds_file import read_text
 from skinbus.objects.eds_text import EdsText
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
-
-Floats = npt.NDArray[np.float64]
 
 BASES: Final = (*cia.TPDO_BASES, *cia.RPDO_BASES)
 """Identifiers of the TPDOs, less the node-ID."""

@@ -21,15 +21,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from skinbus.arrays import Bools, Floats, Ints
 from skinbus.estimate.levels.merge import EVIDENCE
 from skinbus.model import Arm, Law, Radial
 from skinbus.model.mesh_surface import MeshSurface
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
 
 FORCE: Final = 5.0
 """N, the contact that is bounded: a firm finger."""

@@ -12,13 +12,11 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats, Ints
 from skinbus.errors import ArgumentError, ConfigError, Fault
 from skinbus.model import Arm
 from skinbus.model.robot import RobotSettings
 from skinbus.robot.urdf import Joint, read_urdf
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 MAX_JOINTS: Final = 16
 """Of the paths from the base to the skin and the tool: twice those of any arm; objects exist for so many."""

@@ -23,11 +23,10 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, dijk
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
+from skinbus.arrays import Floats, Ints
 from skinbus.errors import ConfigError, Fault
 from skinbus.robot.mesh import Mesh, length_of, rims_of, sides_of
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Complex = npt.NDArray[np.complex128]
 
 REACH: Final = 0.03

@@ -16,13 +16,11 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats, Ints
 from skinbus.model import Arm
 from skinbus.model.mesh_surface import MeshSurface
 from skinbus.model.surface import places_on
 from skinbus.robot.chain import load_chain
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 FRAMES: Final = ("link", "base", "tool")
 """Frames of the output, in the order of its arrays."""

@@ -17,11 +17,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from skinbus.arrays import Floats, Ints
 from skinbus.errors import ConfigError, Fault, FaultList, SkinbusError
 from skinbus.file_bytes import read_bytes
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 MOST_TRIANGLES: Final = 300_000
 """A link of a square metre at edges of 3 mm has 260 000; more take minutes and say nothing about a skin."""

@@ -19,14 +19,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.errors import ConfigError, Fault, FaultList, SkinbusError
 from skinbus.model.bend import EXPONENTS, MOST, POWERS
 from skinbus.model.mesh_surface import MeshSurface
 from skinbus.robot.flattening import Flattening, flatten
 from skinbus.robot.mesh import Mesh, nearest_places, refine
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Arrays = dict[str, npt.NDArray[Any]]
 
 STEP: Final = 2e-3

@@ -24,12 +24,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.errors import ArgumentError
 from skinbus.model.robot import RobotSettings
 from skinbus.printable import shown_value
 from skinbus.robot.chain import Chain
-
-Floats = npt.NDArray[np.float64]
 
 KEPT: Final = 64
 """Positions of a joint: those of a loop of 1 kHz that have come since a SYNC of 20 Hz, and two before."""

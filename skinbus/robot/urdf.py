@@ -12,13 +12,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from skinbus.arrays import Floats
 from skinbus.errors import ConfigError, Fault, FaultList, SkinbusError
 from skinbus.file_bytes import read_bytes
-
-Floats = npt.NDArray[np.float64]
 
 MOST_BYTES: Final = 20_000_000
 KINDS: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")

@@ -48,9 +48,8 @@ from scipy.fft import irfft2, next_fast_len
 from scipy.interpolate import CubicSpline
 from scipy.special import j0, j1
 
+from skinbus.arrays import Floats
 from skinbus.sim.indenter import Indenter, disc_average
-
-Floats = npt.NDArray[np.float64]
 
 STEP: Final = 50e-6
 """Spacing of the tables, m; linear interpolation then errs by some 1e-5 of the peak."""

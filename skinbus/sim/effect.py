@@ -29,13 +29,13 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ConfigDict
 
+from skinbus.arrays import Floats
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.errors import Fault
 from skinbus.model import Arm
 
 T = TypeVar("T")
-Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
 Rng = np.random.Generator
 

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import j1, jv
 
-Floats = npt.NDArray[np.float64]
+from skinbus.arrays import Floats
 
 N_GROWTH: Final = 33
 """Radii at which the table of a sphere is solved; linear in between errs by less than 2e-3 of the peak."""

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import MISSING
 
 import numpy as np
-import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.errors import ConfigError, Fault
 from skinbus.model import Arm
 from skinbus.robot.chain import Chain, load_chain
 from skinbus.sim.effect import parameter, settings
-
-Floats = npt.NDArray[np.float64]
 
 
 @settings

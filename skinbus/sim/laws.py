@@ -7,10 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from skinbus.arrays import Floats
 from skinbus.model.law import Cone
 from skinbus.sim.effect import parameter, settings
 from skinbus.sim.indenter import Indenter
-from skinbus.sim.layer import Floats, Geometry, Law, Loads
+from skinbus.sim.layer import Geometry, Law, Loads
 
 
 class LayerSettings:

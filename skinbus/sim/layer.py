@@ -11,10 +11,10 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.model import Arm
 from skinbus.model.mesh_surface import MeshSurface
 
-Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
 
 _DIRECTION = 0.5e-3

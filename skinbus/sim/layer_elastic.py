@@ -20,9 +20,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 
+from skinbus.arrays import Floats
 from skinbus.sim.bonded_layer import REACH, STEP, quarter_plane, table
 from skinbus.sim.indenter import Indenter
-from skinbus.sim.layer import Floats, Geometry, Loads
+from skinbus.sim.layer import Geometry, Loads
 
 Indices = npt.NDArray[np.intp]
 

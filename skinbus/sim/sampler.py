@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.sim.effect import Stage, stream
-from skinbus.sim.layer import Floats, Geometry, Ints
+from skinbus.sim.layer import Geometry, Ints
 from skinbus.sim.scene import Scene
 
 

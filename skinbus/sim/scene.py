@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.model import Arm
 from skinbus.sim.effect import Effect
 from skinbus.sim.effects import ORDER
@@ -18,8 +18,6 @@ from skinbus.sim.touch import Touch, Touches, TouchPlan
 
 if TYPE_CHECKING:
     from skinbus.sim.joint_motion import JointMotion
-
-Floats = npt.NDArray[np.float64]
 
 
 class Scene:

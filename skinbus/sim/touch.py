@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skinbus.arrays import Floats
 from skinbus.model import Arm
 from skinbus.sim.indenter import Indenter, Shape
-from skinbus.sim.layer import Floats, Ints, Loads
+from skinbus.sim.layer import Ints, Loads
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

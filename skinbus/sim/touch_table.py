@@ -13,10 +13,11 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import Field
 
+from skinbus.arrays import Floats
 from skinbus.errors import Fault
 from skinbus.model import Arm, Surface
 from skinbus.model.mesh_surface import MeshSurface
-from skinbus.sim.effect import Floats, parameter, settings
+from skinbus.sim.effect import parameter, settings
 from skinbus.sim.indenter import Shape
 from skinbus.sim.touch import Touch
 

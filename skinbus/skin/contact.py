@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.errors import ArgumentError, LocalProtocolError
 from skinbus.estimate import LEVELS, Quality, TrackState
 from skinbus.skin.layout import SkinLayout
@@ -17,7 +18,6 @@ from skinbus.skin.layout import SkinLayout
 if TYPE_CHECKING:
     from skinbus.robot import RobotContacts
 
-Floats = npt.NDArray[np.float64]
 Records = npt.NDArray[Any]
 """(n,) of CONTACT or of PATCH."""
 Level = Literal["kmeans", "fit", "full"]

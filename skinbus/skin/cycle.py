@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.errors import LocalProtocolError
 from skinbus.estimate import TactelFault as TactelFault
 from skinbus.estimate import TrackState as TrackState
@@ -21,7 +22,7 @@ from skinbus.master.level_control import CycleFlags as CycleFlags
 from skinbus.master.patches.table import PatchState as PatchState
 from skinbus.model import Arm
 from skinbus.skin.contact import CONTACT as CONTACT
-from skinbus.skin.contact import NO_ROBOT, Context, Floats, Records
+from skinbus.skin.contact import NO_ROBOT, Context, Records
 from skinbus.skin.contact import UNKNOWN_LEVEL as UNKNOWN_LEVEL
 from skinbus.skin.contact import Contact as Contact
 from skinbus.skin.contact import link_name as link_name

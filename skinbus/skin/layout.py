@@ -9,10 +9,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.errors import ArgumentError
 from skinbus.model import Arm
-
-Floats = npt.NDArray[np.float64]
 
 _STEP: Final = 1e-6
 """m to which places are compared: far below what is felt, far above what libraries round differently."""

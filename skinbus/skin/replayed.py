@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Final, TextIO
@@ -11,6 +11,7 @@ from typing import Any, Final, TextIO
 import numpy as np
 
 from skinbus.can.candump import CandumpReader
+from skinbus.can.event import Event
 from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import AddressError, ConfigError, Fault
@@ -89,6 +90,7 @@ class Replayed:
         *,
         level: str,
         zero: bool,
+        on_event: Callable[[Event], Any] = lambda event: None,
     ) -> None:
         """Begin; the same errors as of a ``Recording``."""
         self.recording = Recording(log, arm, channels)
@@ -99,6 +101,7 @@ class Replayed:
             self.arm,
             sync_bus=self.recording.sync.bus,
             on_cycle=self._take,
+            on_event=on_event,
             level=level,
             zero_at_start=zero,
         )

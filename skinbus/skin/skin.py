@@ -13,9 +13,9 @@ from typing import Final, Literal, Self, get_args
 
 import numpy as np
 
+from skinbus.arrays import Floats
 from skinbus.errors import ArgumentError
 from skinbus.estimate import TrackState
-from skinbus.skin.contact import Floats
 from skinbus.skin.cycle import Contact, Cycle, Patch, PatchState
 from skinbus.skin.feed import Feed, Positions
 

@@ -22,6 +22,7 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
 
+from skinbus.arrays import Floats
 from skinbus.estimate import LEVELS, Estimator, learn_radial_law
 from skinbus.model import Arm, Law, Surface, Transducer
 from skinbus.planning.plan import plans
@@ -32,7 +33,6 @@ from skinbus.sim.layer import Geometry, Loads
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Floats = npt.NDArray[np.float64]
 
 DIAMETERS: Final = (0.010, 0.012, 0.015)
 """Of fingertips, m."""

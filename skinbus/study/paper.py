@@ -19,14 +19,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
+from skinbus.arrays import Floats
 from skinbus.estimate import LEVELS, Estimator
 from skinbus.model import Arm, Cone, Transducer
 from skinbus.model.patch import grid
-
-Floats = npt.NDArray[np.float64]
 
 SPAN: Final = 0.030
 """Side of the square that is pressed, m: the distance of the outer tactels of the paper's board."""

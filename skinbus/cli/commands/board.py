@@ -10,9 +10,9 @@ from typing import Final
 
 import click
 import numpy as np
-import numpy.typing as npt
 
 from skinbus import model
+from skinbus.arrays import Floats
 from skinbus.cli import output
 from skinbus.cli.commands.scan import NO_NODE
 from skinbus.cli.console import Console
@@ -42,8 +42,6 @@ from skinbus.objects.eds_file import MAX_BYTES, decode_text
 from skinbus.objects.eds_lint import lint
 from skinbus.objects.new_board import NewBoard, module_dcf
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
-
-Floats = npt.NDArray[np.float64]
 
 STYLES: Final = {Grade.PASS: "", Grade.FAIL: "bold red", Grade.SKIPPED: "dim"}
 

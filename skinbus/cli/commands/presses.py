@@ -9,9 +9,9 @@ from typing import Final, NoReturn
 
 import click
 import numpy as np
-import numpy.typing as npt
 
 import skinbus
+from skinbus.arrays import Floats
 from skinbus.cli import output
 from skinbus.cli.formatting import counted
 from skinbus.cli.options import INPUT, Range, file_option, log_channels_option
@@ -23,8 +23,6 @@ from skinbus.estimate.calibration.recording import find_holds, find_offset, load
 from skinbus.estimate.calibration.table import Press, mean_and_noise
 from skinbus.model import Arm
 from skinbus.skin.addresses import channels_by_name
-
-Floats = npt.NDArray[np.float64]
 
 SLID: Final = 0.5e-3
 """m, that a tool may move within a hold; more is no press at a place."""

@@ -14,9 +14,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from skinbus.arrays import Bools, Floats
 from skinbus.estimate.calibration.learning import Calibration
 from skinbus.estimate.calibration.location import PLACE_SD, fit_pose
-from skinbus.estimate.calibration.table import Bools, Floats, Ints, PressTable
+from skinbus.estimate.calibration.table import Ints, PressTable
 from skinbus.estimate.calibration.validation import HeldOutErrors, cross_validate, errors_of, learn
 
 MAX_OUTLIERS: Final = 0.15

@@ -32,13 +32,12 @@ import numpy.typing as npt
 from scipy.interpolate import CubicHermiteSpline
 from scipy.sparse import csr_array
 
+from skinbus.arrays import Bools, Floats
 from skinbus.estimate.calibration.residual_map import MAP_REACH, MAP_STEP, residual_maps
 from skinbus.estimate.kernels.layout import limit_of
 from skinbus.model import Arm, Radial, ResidualMap
 
-Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.intp]
-Bools = npt.NDArray[np.bool_]
 
 POINTS: Final = 64
 """Points of the table: what the EDS of a patch holds."""

@@ -22,10 +22,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from skinbus.arrays import Floats
 from skinbus.estimate.estimator import Estimator
 from skinbus.model import Arm, Link, PlacedPatch, Radial, Surface
 
-Floats = npt.NDArray[np.float64]
 Places = npt.NDArray[np.complex128]
 
 PLACE_SD: Final = 0.3e-3

@@ -10,11 +10,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import correlate, correlation_lags
 
-Floats = npt.NDArray[np.float64]
+from skinbus.arrays import Floats
 
 STEP_S = 0.005
 """Of the signals that are correlated: finer than the cycles of any skin, which are 1 to 20 ms."""

@@ -16,7 +16,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from skinbus.arrays import Floats
+
 Places = npt.NDArray[np.complex128]
 
 LENGTHS: Final = (0.0025, 0.004, 0.006, 0.009)

@@ -15,9 +15,10 @@ from typing import Final
 
 import numpy as np
 
+from skinbus.arrays import Bools, Floats
 from skinbus.estimate.calibration.learning import Calibration, learn_radial_law
 from skinbus.estimate.calibration.location import PLACE_SD, strongest
-from skinbus.estimate.calibration.table import Bools, Floats, Ints, PressTable
+from skinbus.estimate.calibration.table import Ints, PressTable
 from skinbus.model import Arm, Patch
 
 FOLDS: Final = 8

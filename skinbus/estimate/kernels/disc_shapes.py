@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
-Floats = npt.NDArray[np.float64]
+from skinbus.arrays import Floats
 
 MODES: Final = 4
 SPACING: Final = 0.25

@@ -14,11 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.can.core import NEVER
 from skinbus.estimate.calibration.table import mean_and_noise
 from skinbus.printable import printable
-
-Floats = npt.NDArray[np.float64]
 
 HOLD_NS = 300_000_000
 """A press shorter than this is a slip: people who mean it hold for half a second."""

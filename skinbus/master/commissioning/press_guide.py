@@ -13,13 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.estimate.calibration import gate
 from skinbus.estimate.calibration.table import Press, centroid
 from skinbus.estimate.calibration.validation import next_place
 from skinbus.master.commissioning.press_dialogue import Board, HandPress, PressDialogue
 from skinbus.model import Arm
-
-Floats = npt.NDArray[np.float64]
 
 ROUND = 20
 """Presses on a board in a round, or one for each tactel if there are more."""

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.can.core import Step
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
@@ -26,7 +26,6 @@ from skinbus.objects.profile import number_at
 from skinbus.objects.published import usual
 
 Kind = tuple[int, ...]
-Floats = npt.NDArray[np.float64]
 
 UNSAID = (EventKind.TACTELS_IMPLAUSIBLE, EventKind.TACTELS_IMPLAUSIBLE_END)
 

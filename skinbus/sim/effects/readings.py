@@ -8,12 +8,12 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
+from skinbus.arrays import Floats
 from skinbus.errors import Fault
 from skinbus.model import Arm
 from skinbus.sim.effect import (
     CountStep,
     Effect,
-    Floats,
     Ints,
     PressureStep,
     Rng,

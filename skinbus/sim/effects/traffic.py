@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from skinbus.arrays import Floats
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.errors import Fault
@@ -16,7 +17,6 @@ from skinbus.model import Arm
 from skinbus.objects.cia import EMCY_BASE, NMT_COMMAND_ID, EmcyCode, NmtCommand
 from skinbus.sim.effect import (
     Effect,
-    Floats,
     FrameStep,
     Rng,
     Stage,

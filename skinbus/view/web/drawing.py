@@ -11,11 +11,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from skinbus.arrays import Floats
 from skinbus.model import Arm
 from skinbus.skin.cycle import Contact, Cycle, PatchState, Touch, TrackState
 from skinbus.view.web import colours
 from skinbus.view.web.colours import Colour, Colours
-from skinbus.view.web.poses import Floats, Poses, placed, turned
+from skinbus.view.web.poses import Poses, placed, turned
 
 SIGMAS: Final = 3.0
 """Standard deviations of the ellipse of a contact."""

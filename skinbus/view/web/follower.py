@@ -9,12 +9,10 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.skin import Skin
-
-Floats = npt.NDArray[np.float64]
 
 PATIENCE_S: Final = 2.0
 """How long the end of the thread is waited for."""

@@ -7,9 +7,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.model import Arm
-
-Floats = npt.NDArray[np.float64]
 
 GAP: Final = 0.02
 """Between links that are drawn one after the other, m."""
