@@ -11,10 +11,12 @@ free: below its zero by the distance from it, above by second differences, or a 
 raise the threshold ahead of itself. Following resumes one second after the release.
 
 Start: the zero of a tactel is the mean of its first readings, from the first on, while nothing touches its
-patch, nor an adjoining one. A patch touched when power comes is not zeroed: its pressures count from the zero
-of its calibration until nothing touches it. So a touch at power-on is seen from the first cycle. The price: a
-zero that is off by more than the threshold looks like a touch (``suspect`` says which) until the board is
-calibrated, the tactel is taken out, or somebody calls :meth:`Baseline.zero`, which moves the zero band along.
+patch, nor an adjoining one. Touches count from the zero of its calibration until this has lasted for half a
+second, and one before begins the mean anew. So a patch touched when power comes is not zeroed: its pressures
+count from the zero of its calibration until nothing touches it. So a touch at power-on is seen from the first
+cycle. The price: a zero that is off by more than the threshold looks like a touch (``suspect`` says which)
+until the board is calibrated, the tactel is taken out, or somebody calls :meth:`Baseline.zero`, which moves
+the zero band along.
 
 Out of band: nothing pulls a skin, so readings below the zero band are no zero and no pressure. Nor is a zero
 at the edge of its band one. The tactel is ``out``, and no reading of it is used, until it reads within its
@@ -88,7 +90,8 @@ WINDOW_CYCLES: Final = 10
 """Least readings in a row that take a tactel out of its band, back into it, its zero down, or a touch for
 drift: one that is wrong by a bit does not."""
 CALM_S: Final = 0.5
-"""Time below its zero that takes it down, and in which drift explains all that is left of a touch, s."""
+"""Time that makes a first zero, time below a zero that takes it down, and in which drift explains all that is
+left of a touch, s."""
 LOW_MOST: Final = 3.0
 """Standard deviation of a zero that has gone down, at most, in touch thresholds: three of it hide a touch
 until following has halved it a few times, within two seconds."""
@@ -176,7 +179,7 @@ class Baseline:
         self._centre, self._pressed, self._level = np.zeros((3, n))
         self._run, self._low_n, self._n_free = np.zeros((3, n), np.int64)
         self._last, self._earlier = np.full((2, n), np.nan)
-        self._silent_s, self._calm_n = np.zeros((2, p))
+        self._silent_s, self._calm_n, self._learned_n = np.zeros((3, p))
         self._quiet_s = np.full(p, np.inf)
         self.felt = Felt(
             touched=np.zeros(n, np.int8),
@@ -222,6 +225,7 @@ class Baseline:
         free = at | (seen & (w.touched == FREE) & (self._n_free < YOUNG_CYCLES))
         self._n_free += free
         if learns.any():
+            self._learned_n += learns
             self._learn(at, dt)
         self._measure_noise(free, second, dt)
         watched = self._by_patch(at & self._zeroed) > 0
@@ -251,11 +255,16 @@ class Baseline:
 
     def _feel(self, seen: Bools, fresh: Bools, dt: float) -> None:
         """Note what is touched, and what may creep."""
-        w, above, before = self.felt, self._last - self.felt.zero, self.felt.touched != FREE
+        w, before = self.felt, self.felt.touched != FREE
+        above = self._last - np.where(self._zeroed, w.zero, self._centre)
         limit = self.threshold
         limit = np.where(before, limit * self._ratio, np.maximum(limit, EXPLAINED * np.sqrt(w.doubt)))
         touched = np.where(seen & (above >= limit), np.where(before, HELD, TOUCHED), FREE)
         np.copyto(w.touched, touched, "unsafe", where=fresh[self._patch])
+        spoilt: Bools = np.any(self._near & (self._by_patch(w.touched) > 0), axis=1)
+        self._learned_n[spoilt] = 0
+        again = spoilt[self._patch] & ~self._zeroed
+        w.zero[again], w.doubt[again] = self._centre[again], ((self._touch / 3.0) ** 2)[again]
         now = np.maximum(above, 0.0) * np.where(self._last >= self._full, CREEP_FULL_SCALE, 1.0)
         more = np.where(seen, now - self._pressed, 0.0)
         rise, fall = -math.expm1(-dt / CREEP_RISE_S), -math.expm1(-dt / CREEP_FALL_S)
@@ -323,7 +332,7 @@ class Baseline:
         doubt = np.maximum((1.0 - gain) ** 2 * w.doubt + gain**2 * noise2, slowest * noise2)
         np.copyto(w.zero, self._centre + np.clip(zero, -self._band, self._band), where=ok)
         np.copyto(w.doubt, doubt, where=ok)
-        self._zeroed |= ok
+        self._zeroed |= ok & (self._learned_n[self._patch] >= _cycles(dt))
 
     def _measure_noise(self, free: Bools, second: Floats, dt: float) -> None:
         """Follow the noise of free tactels by ``second`` (Pa) differences, and by what is below a zero.
@@ -358,7 +367,7 @@ class Baseline:
         self._n_free[i] = read
         self._zeroed[i] = w.out[i] = False
         self._pressed[i] = w.creep[i] = self._low_n[i] = self._run[i] = w.touched[i] = 0
-        self._quiet_s[p] = np.inf
+        self._quiet_s[p], self._learned_n[p] = np.inf, 0
 
     def kept(self) -> KeptZeros:
         """Return what a restart must not lose."""

@@ -63,6 +63,15 @@ def test_offsets_are_gone_after_the_start(skin):
     assert not skin.baseline.suspect.any()
 
 
+def test_a_light_touch_that_rises_from_the_first_reading_on_is_not_zeroed_away(skin):
+    touch = press(0.1, 0.0, 8.0)
+    touch *= 1450.0 / touch.max()  # Pa: the threshold is 1000, 1200 with the declared noise
+    for share in (0.2, 0.4, 0.6, 0.8):
+        skin.read(share * touch, sigma=10.0)
+    out = skin.read(touch, seconds=5, sigma=10.0)
+    assert np.abs(out - touch).max() < 6 * 10.0
+
+
 def test_touch_at_power_on_is_not_zeroed_away(skin):
     touch = press(0.1, 0.0, 8.0)
     first = skin.read(touch)
