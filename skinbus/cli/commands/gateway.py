@@ -49,7 +49,10 @@ def command(
     if places[0][:2] == places[1][:2]:  # skins use identifiers of PDOs and NMT
         raise AddressError(f"--from and --to are both {places[0]}; the skin needs a bus of its own")
     host = Host(
-        gateway, *(place.open for place in places), final_frames=gateway.stop_frames, names=["", "skin"]
+        gateway,
+        *(place.open for place in places),
+        final_frames=gateway.stop_frames,
+        names=["CANopen", "skin"],
     )
     n = counted(len(gateway.node_ids), "patch")
     echo(f"{found.title}: {n} of {arm.name} from {shown(places[1:])} to {shown(places[:1])}; Ctrl-C stops")
