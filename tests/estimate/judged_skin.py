@@ -71,7 +71,7 @@ def coarse_arm(bits):
 
 def press(s, a, force):
     """Pa on every tactel of a contact by the law of the boards."""
-    return LAW.pressure(ARM.links[0].surface.distance(ARM.tactel_s, ARM.tactel_a, s, a), force)
+    return LAW.pressure(ARM.distance(slice(None), s, a), force)
 
 
 def press_at(tactel, rng, within):

@@ -52,8 +52,8 @@ def arm():
 @pytest.fixture(scope="module")
 def pressures(arm):
     """(n_tactels,) Pa of six touches, with noise; seed 31."""
-    law, surface = Cone(), arm.links[0].surface
-    clean = sum(law.pressure(surface.distance(arm.tactel_s, arm.tactel_a, s, a), 8.0) for s, a in TOUCHES)
+    law = Cone()
+    clean = sum(law.pressure(arm.distance(slice(None), s, a), 8.0) for s, a in TOUCHES)
     return clean + 200.0 * np.random.default_rng(31).standard_normal(arm.n_tactels)
 
 

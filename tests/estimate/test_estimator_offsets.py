@@ -18,7 +18,7 @@ def arm():
 def pressed_by(arm, force):
     """What a finger on a board makes, Pa."""
     s, a = float(arm.patch_s[BOARD]) + 0.003, float(arm.patch_a[BOARD]) - 0.002
-    d = arm.links[0].surface.distance(arm.tactel_s, arm.tactel_a, s, a)
+    d = arm.distance(slice(None), s, a)
     return arm.patches[BOARD].patch.law.pressure(d, force)
 
 

@@ -30,8 +30,8 @@ at most, no more after 10^5 cycles than after 10^4. One small object in each cyc
 def film(arm):
     """(64, n_tactels) Pa: five touches that come and go, with noise; seed 41."""
     print("seed 41")
-    rng, law, surface = np.random.default_rng(41), Cone(), arm.links[0].surface
-    each = np.array([law.pressure(surface.distance(arm.tactel_s, arm.tactel_a, *t), 8.0) for t in TOUCHES])
+    rng, law = np.random.default_rng(41), Cone()
+    each = np.array([law.pressure(arm.distance(slice(None), *t), 8.0) for t in TOUCHES])
     shown = rng.random((64, len(TOUCHES))) < 0.8
     return shown @ each + 200.0 * rng.standard_normal((64, arm.n_tactels))
 

@@ -78,7 +78,7 @@ def test_patches_add_up_to_links_and_links_to_the_arm():
 def test_centre_of_pressure_of_a_press_through_the_wrap():
     arm = load_arm("forearm", check_load=False)
     a_meter, period = LoadMeter(arm), arm.link_period[0]
-    d = arm.links[0].surface.distance(arm.tactel_s, arm.tactel_a, 0.076, 0.5 * period)
+    d = arm.distance(slice(None), 0.076, 0.5 * period)
     pressures = 2e4 * np.exp(-((d / 0.03) ** 2))
     links = a_meter.measure(pressures, pressures > THRESHOLD).links
     assert links.s[0] == pytest.approx(0.076, abs=1e-3)
@@ -92,7 +92,7 @@ def test_touched_area_is_where_the_pressure_reaches_the_threshold():
     z = []
     for _ in range(20):
         at = 0.1 + rng.uniform(-0.02, 0.02), rng.uniform(-0.02, 0.02)
-        d = arm.links[0].surface.distance(arm.tactel_s, arm.tactel_a, *at)
+        d = arm.distance(slice(None), *at)
         pressures = 2e4 * np.exp(-((d / 0.03) ** 2))
         loads = a_meter.measure(pressures, pressures > THRESHOLD)
         assert loads.area == pytest.approx(area, rel=0.04)

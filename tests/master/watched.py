@@ -40,7 +40,7 @@ class Watched:
             pressures = self.zero + self.noise * self.rng.standard_normal(self.arm.n_tactels)
             if touch:
                 s, a, force = touch
-                d = self.arm.links[0].surface.distance(self.arm.tactel_s, self.arm.tactel_a, s, a)
+                d = self.arm.distance(slice(None), s, a)
                 pressures += self.gain * self.arm.patches[0].patch.law.pressure(d, force)
             cycle = self.cycle
             cycle.plausibility.judge(pressures, self.t_ns, self.fresh, cycle.baseline)

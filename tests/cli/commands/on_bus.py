@@ -37,3 +37,11 @@ class OwnBus:
 def own_bus():
     """A bus of this process."""
     return OwnBus()
+
+
+def passed_rows(output):
+    """Return the rows of a check of a board; a busy machine may fail only those about times."""
+    slow = {"heartbeat", "readings"}
+    rows = [line.split()[:2] for line in output.splitlines()]
+    assert {row[1] for row in rows if row[0] == "FAIL"} <= slow, output
+    return rows

@@ -58,7 +58,7 @@ def write_presses(path, arm, *, zero=0, n=130, around=None):
             if around:
                 s, a = 0.6 * s, rng.uniform(-0.5, 0.5) * around
             newton = 0.0 if zero and k < 10 else rng.uniform(2.0, 10.0)
-            d = arm.links[0].surface.distance(arm.tactel_s, arm.tactel_a, s, a)
+            d = arm.distance(slice(None), s, a)
             p = LAW.pressure(d, newton) / gain if newton else np.zeros(arm.n_tactels)
             counts = np.rint((p + NOISE * rng.standard_normal(arm.n_tactels)) / step) + zero
             for patch in range(2):

@@ -150,7 +150,7 @@ def on_a_grid(uneven=0.0):
     placed, steps = arm.patches[0], -0.021 + 0.006 * np.arange(8)
     u, v = (x.ravel() + uneven * rng.uniform(-0.5, 0.5, 64) for x in np.meshgrid(steps, steps))
     s, a = placed.s + u, placed.a + v
-    d = arm.links[0].surface.distance(s[:, None], a[:, None], arm.tactel_s, arm.tactel_a)
+    d = arm.distance(slice(None), s, a)
     pressures = law.pressure(d, 5.0) * np.where(d.min(axis=1) < 1e-4, 1.1, 1.0)[:, None]
     return PressTable(
         arm=arm,
@@ -176,9 +176,7 @@ def test_error_to_expect_of_presses_on_a_grid_is_that_where_it_has_none():
     """Those on tactels read too much: only calibrations from the others can show it."""
     table = on_a_grid()
     errors = cross_validate(table)
-    d = table.arm.links[0].surface.distance(
-        table.s[:, None], table.a[:, None], table.arm.tactel_s, table.arm.tactel_a
-    )
+    d = table.arm.distance(slice(None), table.s, table.a)
     on = errors.found & (d.min(axis=1) < 1e-4)
     assert on.sum() >= 4
     assert np.abs(np.median(errors.force[on]) / 5.0 - 1.1) < 0.03

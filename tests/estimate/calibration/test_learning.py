@@ -30,7 +30,7 @@ def presses(arm, rng, *, exponent=1.0, noise=NOISE, spread=0.03, n=N_PRESSES, fo
     force = rng.uniform(2.0, 20.0, n) if force is None else np.full(n, force)
     gain = 1.0 / (1.0 + spread * rng.standard_normal(arm.n_tactels))
     gain *= np.mean(1.0 / gain)
-    d = arm.links[0].surface.distance(s[:, None], a[:, None], arm.tactel_s, arm.tactel_a)
+    d = arm.distance(slice(None), s, a)
     pressures = force[:, None] ** exponent * profile(d) / gain
     return s, a, force, pressures + noise * rng.standard_normal(pressures.shape), gain
 
@@ -93,7 +93,7 @@ def test_learning_comes_to_rest_where_no_radial_law_is_true_and_says_how_wrong_i
     rng = np.random.default_rng(SEED)
     s, a = rng.uniform(-0.02, 0.02, (2, N_PRESSES))
     force = rng.uniform(*forces, N_PRESSES)
-    d = arm.links[0].surface.distance(s[:, None], a[:, None], arm.tactel_s, arm.tactel_a)
+    d = arm.distance(slice(None), s, a)
     learned = learn_radial_law(arm, s, a, force, law.pressure(d, force[:, None]))
     assert learned.converged
     # the reach of a cone grows with its force, and a radial law has one reach for all
@@ -124,12 +124,11 @@ def test_errors_of_place_are_not_learned_as_gains_widths_or_the_end_of_the_law(p
     rng, law, each, force = np.random.default_rng([SEED, seed]), shipped_law(), 40, 5.0
     patch = pad().patches[0].patch
     boards = [PlacedPatch(patch=patch, node_id=1 + k, link=0, s=0.05 + 0.08 * k, a=0.0) for k in range(6)]
-    surface = Surface.plane(0.55, 0.2)
-    arm = Arm("six", [Link("link", surface)], boards)
+    arm = Arm("six", [Link("link", Surface.plane(0.55, 0.2))], boards)
     s = np.concatenate([board.s + rng.uniform(-0.02, 0.02, each) for board in boards])
     a = rng.uniform(-0.02, 0.02, len(s))
     gain = 1.0 + 0.05 * rng.standard_normal(arm.n_tactels)
-    d = surface.distance(s[:, None], a[:, None], arm.tactel_s, arm.tactel_a)
+    d = arm.distance(slice(None), s, a)
     pressed = force * np.exp(0.01 * rng.standard_normal((len(s), 1)))
     pressures = gain * law.pressure(d, pressed) + NOISE * rng.standard_normal(d.shape)
     pressures[np.repeat(np.arange(6), each)[:, None] != arm.tactel_patch] = np.nan
@@ -155,7 +154,7 @@ def test_readings_to_come_scatter_as_much_as_the_calibration_says(n):
         s, a, force, pressures, _ = presses(arm, rng, spread=0.05, n=n + 200, force=5.0)
         learned = learn_radial_law(arm, s[:n], a[:n], force[:n], pressures[:n], maps=False)
         own = learned.apply(arm)
-        d = own.links[0].surface.distance(s[n:, None], a[n:, None], own.tactel_s, own.tactel_a)
+        d = own.distance(slice(None), s[n:], a[n:])
         law = own.patches[0].patch.law
         off = pressures[n:] * own.tactel_gain - law.pressure(d / own.tactel_width, 5.0) - own.tactel_bias
         at = law.step * np.arange(len(law.misfit_profile))

@@ -32,11 +32,15 @@ def test_twenty_boards_off_by_3_mm_and_3_deg_are_found_by_six_presses_each(tmp_p
     assert rms(left[:, 2]) < 1.35 * rms(
         floor
     )  # 20 boards: 95 % of samples are below 1.26 of their expectation
+    assert_covariances_are_true(left, found)
+    assert not any(board.outliers or board.unusable or board.unknown for board in found.boards)
+
+
+def assert_covariances_are_true(left, found):
     nees = np.mean(
         [r @ np.linalg.solve(b.covariance, r) / 3 for r, b in zip(left, found.boards, strict=True)]
     )
     assert 0.5 < nees < 2.0
-    assert not any(board.outliers or board.unusable or board.unknown for board in found.boards)
 
 
 def least_yaw(arm, presses, p):
@@ -65,10 +69,7 @@ def test_places_worse_than_said_widen_the_covariance(tmp_path):
     found = locate(planned, presses, place_sd=0.3e-3)
     assert 0.8e-3 < found.place_sd < 1.2e-3
     left = errors(true, found)
-    nees = np.mean(
-        [r @ np.linalg.solve(b.covariance, r) / 3 for r, b in zip(left, found.boards, strict=True)]
-    )
-    assert 0.5 < nees < 2.0
+    assert_covariances_are_true(left, found)
 
 
 def small(tmp_path, **settings):

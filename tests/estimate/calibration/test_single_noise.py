@@ -24,7 +24,7 @@ def pressed():
     arm = Arm.single_patch(grid(4, 4, 0.010), law=LAW, noise=NOISE)
     placed = arm.patches[0]
     s, a = placed.s + rng.uniform(-0.02, 0.02, 60), placed.a + rng.uniform(-0.02, 0.02, 60)
-    d = arm.links[0].surface.distance(s[:, None], a[:, None], arm.tactel_s, arm.tactel_a)
+    d = arm.distance(slice(None), s, a)
     truth = LAW.pressure(d, 5.0)
     cycles = truth[:, None] + NOISE * rng.standard_normal((60, MEANS, 16))
     mean, noise = (np.array(x) for x in zip(*map(mean_and_noise, cycles), strict=True))
