@@ -42,7 +42,7 @@ def test_a_lost_frame_costs_the_other_patches_no_cycle(rig):
     share = rig.run(1000)
     assert longest_periods(rig, n) < 1.5, "no SYNC is left out"
     assert (share[OTHERS] == 1.0).all()
-    assert 1.0 - share[MIDDLE - 1] <= 9 / 50
+    assert share[MIDDLE - 1] >= 0.8, "it is missing for ten cycles at most"
     assert rig.run(400).all()
     assert not rig.violations
 
