@@ -113,6 +113,9 @@ class FirmwareDevice(Core):
     def dropped(self):
         return self.library.library_state(self._at) >> 16
 
+    runs_freely = False
+    """The shipped boards send on SYNC."""
+
     @property
     def cob_ids(self):
         n = self.library.library_ids(self._at, self._ids)

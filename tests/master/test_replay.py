@@ -1,7 +1,9 @@
 """A recording through the master that follows: the contacts that were published, from wherever it begins."""
 
+import struct
 from operator import itemgetter
 
+import numpy as np
 import pytest
 
 from skinbus.master.replay import Replay, find_sync
@@ -78,7 +80,9 @@ def test_a_recording_that_begins_in_the_middle_gives_the_contacts_from_there_on(
     again = Again(pad.scene.arm, frames, level="fit")
     last = contacts_in(frames)[-100:]
     assert len(last) == 100
-    assert [data[2:] for _, data in again.contacts[-100:]] == [data[2:] for _, data in last]
+    places = [[struct.unpack("<hhH", data[2:]) for _, data in each] for each in (again.contacts[-100:], last)]
+    # zeros and noise are the means of other readings: by the last digit, 0.1 mm and 0.01 N
+    assert np.abs(np.subtract(*places)).max() <= 1
     assert again.counters.missing == 0
 
 

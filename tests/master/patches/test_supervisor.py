@@ -190,16 +190,13 @@ def test_emcy_is_over_when_the_error_register_says_so_not_with_the_first_error_t
 
 
 @pytest.mark.slow
-def test_patch_that_lives_but_sends_nothing_is_reset_until_it_sends(arm):
+def test_patch_that_lives_but_sends_nothing_is_configured_again_without_a_reset(arm):
     device = arm.device(NODE)
     transmission = device.get(0x1800, 2)
     device.set(0x1800, 2, 254)  # no longer with SYNC: a write that no mark tells the master of
     resets = Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.RESET_NODE, NODE])).data
     _, _, frames = arm.run(4900)
-    assert arm.state(NODE) == STATES.SILENT
     assert not [frame for frame in frames if frame.can_id == 0 and frame.data == resets]
-    _, _, frames = arm.run(2000)
-    assert len([frame for frame in frames if frame.can_id == 0 and frame.data == resets]) == 1
     assert device.get(0x1800, 2) == transmission
     assert_all_well(arm)
 
