@@ -261,10 +261,12 @@ class Baseline:
         limit = np.where(before, limit * self._ratio, np.maximum(limit, EXPLAINED * np.sqrt(w.doubt)))
         touched = np.where(seen & (above >= limit), np.where(before, HELD, TOUCHED), FREE)
         np.copyto(w.touched, touched, "unsafe", where=fresh[self._patch])
-        spoilt: Bools = np.any(self._near & (self._by_patch(w.touched) > 0), axis=1)
-        self._learned_n[spoilt] = 0
-        again = spoilt[self._patch] & ~self._zeroed
-        w.zero[again], w.doubt[again] = self._centre[again], ((self._touch / 3.0) ** 2)[again]
+        unsure = self._healthy & ~self._zeroed
+        if unsure.any():
+            spoilt: Bools = np.any(self._near & (self._by_patch(w.touched) > 0), axis=1)
+            self._learned_n[spoilt] = 0
+            again = spoilt[self._patch] & unsure
+            w.zero[again], w.doubt[again] = self._centre[again], ((self._touch / 3.0) ** 2)[again]
         now = np.maximum(above, 0.0) * np.where(self._last >= self._full, CREEP_FULL_SCALE, 1.0)
         more = np.where(seen, now - self._pressed, 0.0)
         rise, fall = -math.expm1(-dt / CREEP_RISE_S), -math.expm1(-dt / CREEP_FALL_S)
