@@ -23,7 +23,7 @@ SKIN: Final = 1
 """Numbers of the buses."""
 
 START_AGAIN_NS: Final = 1_000_000_000
-"""How often boards that do not send are told to start: they may have been switched on later."""
+"""How often the start commands are repeated to boards that do not send: they may have been off."""
 
 
 class Gateway(Core):
@@ -84,7 +84,7 @@ class Gateway(Core):
                 self._receiver.take(frame)
         out: list[Frame] = []
         events: list[Event] = []
-        if self._report_ns < 0:  # boards that are told to start have a while for it
+        if self._report_ns < 0:  # boards need a while to start
             self._report_ns = now_ns + PATIENCE * self._receiver.period_ns
         if now_ns >= self._judge_ns:
             self._judge_ns = now_ns + self._receiver.period_ns

@@ -198,7 +198,7 @@ def import_skin(positions: Path, mesh: str | None, first_board: int, out: Path) 
     Each triangle is a patch of `skinbus gateway icub-mtb4`. The link gets the plane or the cylinder that is
     nearest to its tactels; how far they are off it is printed. Never tried on a robot.
 
-    Status 0: the arm can be used. 2: it has faults, which are listed; the files are there to be mended.
+    Status 0: the arm can be used. 2: it has faults, which are listed; correct the files.
 
     \b
     Example:
