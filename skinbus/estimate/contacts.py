@@ -10,11 +10,9 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats, Ints
 from skinbus.estimate.kernels import constants as k
 from skinbus.estimate.kernels.workspace import Work
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 LEVELS: Final = ("kmeans", "fit", "full")
 DEFAULT_LEVEL: Final = "fit"

@@ -7,12 +7,13 @@ import operator
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats
 from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.budget import MONOTONIC, Clock, begin, set_budget
 from skinbus.estimate.contacts import DEFAULT_LEVEL, LEVELS, Contacts
 from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.kernels.board_offset import subtract_offsets
-from skinbus.estimate.kernels.layout import Floats, Layout, compile_layout, length_unit, pitch_of
+from skinbus.estimate.kernels.layout import Layout, compile_layout, length_unit, pitch_of
 from skinbus.estimate.kernels.workspace import (
     FREE,
     HELD,

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ConfigDict, Field, with_config
 
+from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.config.parameters import read
 from skinbus.config.toml_file import find_toml, names_in, read_toml
 from skinbus.errors import ArgumentError, ConfigError, Fault, FaultList
@@ -26,8 +27,6 @@ FORMATS: Final = Path(__file__).parent / "formats"
 """The formats that travel with the package."""
 
 ID_BITS: Final = 11
-MAX_CLASSIC: Final = 8
-"""Bytes of a classic frame."""
 
 Type = Literal["u1", "i1", "<u2", ">u2", "<i2", ">i2"]
 """Of a number in data, as in numpy: kind and bytes, ``>`` with the most significant byte first."""
@@ -258,8 +257,8 @@ def _faults(found: FrameFormat) -> list[Fault]:
         if isinstance(table, FrameTable):
             if missing := ", ".join(sorted(address - used)):
                 faults.append(Fault(f"frame {i}", None, f"the letters {missing} of the address"))
-            if (length := found.length(table)) > MAX_CLASSIC:
-                faults.append(Fault(f"frame {i}", length, f"readings within {MAX_CLASSIC} bytes"))
+            if (length := found.length(table)) > CLASSIC_BYTES:
+                faults.append(Fault(f"frame {i}", length, f"readings within {CLASSIC_BYTES} bytes"))
     if not faults:
         parts = found.parts(".".join("0" for _ in found.address))
         sent = sorted(tactel for part in parts for tactel in part.to if tactel >= 0)

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from skinbus.arrays import Floats
+from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.can.frame import Frame
-from skinbus.gateway.frame_format import MAX_CLASSIC, FrameFormat, Part
+from skinbus.gateway.frame_format import FrameFormat, Part
 from skinbus.node.host import Sample
 
 PATIENCE: Final = 3
@@ -85,7 +86,7 @@ class Receiver:
 class _Patch:
     """What is received of one patch; its newest complete readings go to ``raw`` (n_tactels,)."""
 
-    def __init__(self, found: FrameFormat, parts: Sequence[Part], raw: npt.NDArray[np.float64]) -> None:
+    def __init__(self, found: FrameFormat, parts: Sequence[Part], raw: Floats) -> None:
         self.parts = parts
         self.t_ns = _NEVER_NS
         """When the first frame of that sample came, ns."""
@@ -98,7 +99,7 @@ class _Patch:
         self._bytes = np.zeros((len(raw), size), np.int64)
         """Where the readings are in the data of all parts, one after the other."""
         for k, part in enumerate(parts):
-            begins = MAX_CLASSIC * k + part.table.byte + size * np.arange(len(part.to))
+            begins = CLASSIC_BYTES * k + part.table.byte + size * np.arange(len(part.to))
             self._bytes[part.to[part.to >= 0]] = begins[part.to >= 0, None] + np.arange(size)
         self._data: dict[int, bytes] = {}
         """Parts of the next sample that have come."""
@@ -116,7 +117,7 @@ class _Patch:
         if len(self._data) < len(self.parts):
             return False
         every = [self._data[k] for k in range(len(self.parts))]
-        block = np.frombuffer(b"".join(data.ljust(MAX_CLASSIC, b"\0") for data in every), np.uint8)
+        block = np.frombuffer(b"".join(data.ljust(CLASSIC_BYTES, b"\0") for data in every), np.uint8)
         self._raw[:] = block[self._bytes].view(self._type)[:, 0]
         pairs = list(zip(self.parts, every, strict=True))
         self.healthy[:] = True

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
+from skinbus.arrays import Floats, Ints
 from skinbus.estimate.kernels.geometry import develop, separation, surface_of, undevelop
-from skinbus.estimate.kernels.layout import Floats, Ints, Layout
+from skinbus.estimate.kernels.layout import Layout
 from skinbus.jit import inner_kernel
 
 INSIDE = 1.0 - 1e-9

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 
+from skinbus.arrays import Floats
 from skinbus.estimate.kernels.disc_shapes import MODES
 from skinbus.estimate.kernels.layout import (
     CONE,
@@ -38,7 +39,6 @@ from skinbus.estimate.kernels.layout import (
     REACH_PER,
     SCALE,
     SLOPE,
-    Floats,
     Layout,
 )
 from skinbus.jit import inner_kernel

@@ -21,15 +21,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Bools, Floats, Ints
 from skinbus.estimate.kernels.disc_shapes import MODES, disc_shapes, learned_shapes
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.jit import setup
 from skinbus.model import Arm, Cone, Law, Patch, Radial
 from skinbus.model.bend import POWERS
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
 
 SIGHT = math.radians(105.0)
 """More than 90 degrees, so that a grid's diagonals count; less than 120, so that no more do."""

@@ -7,11 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Bools, Floats, Ints
 from skinbus.estimate.kernels.layout import Layout
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
 
 PATCH_CLUSTERS = 16
 """Most clusters of one patch; 64 tactels cannot show more maxima apart."""

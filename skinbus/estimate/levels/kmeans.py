@@ -18,7 +18,8 @@ from __future__ import annotations
 
 import math
 
-from skinbus.estimate.kernels.layout import Ints, Layout
+from skinbus.arrays import Ints
+from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.workspace import NO_VALUE, PATCH_CLUSTERS, Work
 from skinbus.jit import inner_kernel, runtime_int
 

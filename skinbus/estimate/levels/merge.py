@@ -18,10 +18,11 @@ them.
 
 from __future__ import annotations
 
+from skinbus.arrays import Floats
 from skinbus.estimate.kernels.board_places import keep_on_board
 from skinbus.estimate.kernels.geometry import develop, distance, surface_of, undevelop
 from skinbus.estimate.kernels.law import log_force_of, pressure
-from skinbus.estimate.kernels.layout import Floats, Layout
+from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.workspace import NO_VALUE, Work
 from skinbus.estimate.levels.kmeans import find_root, stands_out
 from skinbus.jit import inner_kernel, runtime_int

@@ -11,11 +11,12 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from skinbus.arrays import Floats
 from skinbus.estimate.kernels.board_places import keep_on_board
 from skinbus.estimate.kernels.constants import BAD_FIT, FEW_TACTELS, FULL_SCALE, NOT_CONVERGED, OVER_BUDGET
 from skinbus.estimate.kernels.geometry import surface_of, wrap
 from skinbus.estimate.kernels.law import amplitude, log_force_at
-from skinbus.estimate.kernels.layout import PEAK, Floats, Layout
+from skinbus.estimate.kernels.layout import PEAK, Layout
 from skinbus.estimate.kernels.workspace import KINDS, SATURATED, Search, Work
 from skinbus.estimate.levels.merge import EVIDENCE
 from skinbus.estimate.search.evidence import RIVAL, TIP, best_of, misfit, nearest_contact, prepare

@@ -21,9 +21,10 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from skinbus.arrays import Floats
 from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.geometry import distance, surface_of
-from skinbus.estimate.kernels.layout import OWN_SIZE, PROFILED, SHAPED, TYPICAL, UNSIZED, Floats, Layout
+from skinbus.estimate.kernels.layout import OWN_SIZE, PROFILED, SHAPED, TYPICAL, UNSIZED, Layout
 from skinbus.estimate.kernels.workspace import KEPT, KINDS, SATURATED, Search, Work
 from skinbus.estimate.search.least_squares import (
     CONVERGED,

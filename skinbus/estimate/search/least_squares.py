@@ -17,11 +17,12 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from skinbus.arrays import Floats
 from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.board_places import keep_on_board
 from skinbus.estimate.kernels.disc_shapes import OWN_SIZES
 from skinbus.estimate.kernels.law import amplitude, core
-from skinbus.estimate.kernels.layout import Floats, Layout
+from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.workspace import Search, Work
 from skinbus.estimate.levels.merge import LOG_FORCE_MAX, LOG_FORCE_MIN
 from skinbus.estimate.search.model import predict, write_normal

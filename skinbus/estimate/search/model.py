@@ -22,10 +22,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from skinbus.arrays import Floats
 from skinbus.estimate.budget import DONE
 from skinbus.estimate.kernels.geometry import distance, separation, surface_of
 from skinbus.estimate.kernels.law import amplitude, misfit_at, pressure, reach, residual_at, size_change
-from skinbus.estimate.kernels.layout import MISFIT, PEAK, PROFILED, SHAPED, UNSIZED, Floats, Layout
+from skinbus.estimate.kernels.layout import MISFIT, PEAK, PROFILED, SHAPED, UNSIZED, Layout
 from skinbus.estimate.kernels.workspace import SATURATED, Search, Work
 from skinbus.jit import inner_kernel
 from skinbus.model.bend import bend_at

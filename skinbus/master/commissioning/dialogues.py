@@ -10,15 +10,15 @@ from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.can.frame import RTR, Frame
 from skinbus.master.commissioning.sessions import Listen, Reply, Request, Script
+from skinbus.node.context import NS_PER_MS
 from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
 from skinbus.objects.cia import NmtCommand
 from skinbus.objects.profile import number_at
 
-MS: Final = 1_000_000
-ANSWER_NS: Final = 30 * MS
+ANSWER_NS: Final = 30 * NS_PER_MS
 """For answers to a frame; shorter than the times in the table."""
-BOOT_NS: Final = 2_000 * MS
+BOOT_NS: Final = 2_000 * NS_PER_MS
 COMMANDS: Final = {
     "pre": NmtCommand.PRE_OPERATIONAL,
     "op": NmtCommand.START,
@@ -80,7 +80,7 @@ class Speaker:
             ns = BOOT_NS if verb == "reset" else ANSWER_NS
             yield from self._hear(nmt_frame(COMMANDS[verb], self.node_id), ns=ns)
         elif verb == "++":
-            yield from self._hear(ns=int(words[0]) * MS)
+            yield from self._hear(ns=int(words[0]) * NS_PER_MS)
         elif verb in ("->", ">>", "=>"):
             frame = self._frame(words)
             is_filled = verb == "->" and frame.can_id & ~0x7F in (cia.SDO_CLIENT_BASE, 0x780)
