@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import click
 
-from skinbus.cli import output
 from skinbus.model import Arm
 from skinbus.skin import addresses
 from skinbus.skin.addresses import BusAddress
@@ -136,13 +135,4 @@ log_channels_option = click.option(
 
 seconds_option = click.option(
     "--seconds", type=Range(min=0.0, min_open=True), help="Stop after this time, s."
-)
-
-
-json_option = click.option(
-    "--json",
-    "json_file",
-    type=click.Path(dir_okay=False, allow_dash=True),
-    callback=output.json_file,
-    help="Write a summary to this file; - writes it, and nothing else, to standard output.",
 )

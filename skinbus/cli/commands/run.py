@@ -6,14 +6,12 @@ import secrets
 import sys
 import time
 from collections import deque
-from collections.abc import Callable
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import click
-import numpy as np
 from rich.live import Live
 
 from skinbus.cli import output
@@ -26,7 +24,6 @@ from skinbus.cli.options import (
     Range,
     buses_options,
     file_option,
-    json_option,
     level_option,
     seconds_option,
 )
@@ -72,7 +69,6 @@ RECENT_NS: Final = 1_000_000_000
     help="Keep zeros and identities of contacts over restarts here, the health of tactels in FILE.health.",
 )
 @seconds_option
-@json_option
 def command(
     arm: str,
     where: BusesWords,
@@ -83,7 +79,6 @@ def command(
     quiet: bool,
     state_file: Path | None,
     seconds: float | None,
-    json_file: Callable[[Any], None] | None,
 ) -> None:
     """Run the master of ARM (a name or a TOML file) until Ctrl-C, which puts the patches to pre-operational.
 
@@ -144,8 +139,6 @@ def command(
         raise run.master.gave_way
     run.save(at_end=True)
     n_alive = run.print_end(any_received=bool(host.report.n_received))
-    if json_file:
-        json_file(run.summary(n_alive))
     sys.exit(0 if n_alive == loaded.n_patches else 1)
 
 
@@ -222,18 +215,3 @@ class Run:
             text = "no patch has sent anything: are they on this bus, powered, at this bit rate?"
             self.say(text, style="yellow")
         return n_alive
-
-    def summary(self, n_alive: int) -> dict[str, object]:
-        """Return the summary of a run for a program."""
-        p50, p99 = np.percentile(self._computes or [0], [50, 99]) / 1e3
-        counters, pace = self.master.gather.counters, self.master.level_control
-        return {
-            "cycles": len(self._computes),
-            "patches": self._arm.n_patches,
-            "alive": n_alive,
-            "frames": {name: getattr(counters, name) for name in ("accepted", "lost", "bad_length")},
-            "overruns": pace.overruns,
-            "cut_short": pace.cut_short,
-            "level": pace.level,
-            "cycle_us": {"p50": round(float(p50), 1), "p99": round(float(p99), 1)},
-        }
