@@ -57,11 +57,6 @@ def carries_fd(place: BusAddress) -> bool:
         return False
 
 
-def find_place(interface: str | None, channel: str | None, bitrate: int | None) -> BusAddress:
-    """Return the place of a bus that no arm file describes."""
-    return find_places((BusSettings(),), interface, (channel,) if channel else (), bitrate)[0]
-
-
 def find_places(
     buses: Sequence[BusSettings], interface: str | None, channels: Sequence[str], bitrate: int | None
 ) -> list[BusAddress]:
@@ -143,12 +138,13 @@ def bus_numbers(arm: Arm, names: Sequence[str]) -> list[int]:
     return sorted({known.index(name) for name in names}) if names else list(range(len(known)))
 
 
-def one_bus(arm: Arm, name: str | None) -> Arm:
+def one_bus(arm: Arm, names: Sequence[str]) -> Arm:
     """Return the arm as far as it is on one bus, for commands that work on one at a time."""
-    if name is None and len(arm.buses) > 1:
+    numbers = bus_numbers(arm, names)
+    if len(numbers) > 1:
         known = ", ".join(bus.name for bus in arm.buses)
         raise AddressError(f"{arm.name} has several buses; say which by --bus: {known}")
-    return arm.part(bus_numbers(arm, [name] if name else [])[0])
+    return arm.part(numbers[0])
 
 
 def shown(places: Sequence[BusAddress]) -> str:

@@ -20,13 +20,13 @@ import numpy as np
 from skinbus.bus.monotonic_clock import sharpen_timers
 from skinbus.bus.socketcan_batch import CANFD_MTU
 from skinbus.cli.formatting import counted
-from skinbus.cli.options import BusesWords, buses_options
+from skinbus.cli.options import Where, bus_options
 from skinbus.cli.output import echo
 from skinbus.config.arm_file import find_arm
 from skinbus.config.system import load_arm
 from skinbus.errors import AddressError, BusError, ConfigError
 from skinbus.model import BusSettings
-from skinbus.skin.addresses import BusAddress, find_places, interface_of
+from skinbus.skin.addresses import BusAddress, interface_of
 from skinbus.skin.shared_memory import MAX_NAME
 
 UNIT_ARM = "/etc/skinbus/arm.toml"
@@ -47,9 +47,9 @@ N_SLEEPS: Final = 300
 
 @click.command()
 @click.argument("arm", required=False)
-@buses_options
+@bus_options
 @click.option("--unit", is_flag=True, help="Print the systemd unit of the master for this installation.")
-def command(arm: str | None, where: BusesWords, unit: bool) -> None:
+def command(arm: str | None, where: Where, unit: bool) -> None:
     """Check the file of ARM, interface, bit rate, queue, permissions and wake-ups.
 
     `skinbus scan` and `skinbus configure --dry-run` check the boards.
@@ -67,7 +67,7 @@ def command(arm: str | None, where: BusesWords, unit: bool) -> None:
         echo(unit_text(arm), nl=False)
         return
     n = 0
-    for finding in examine(arm, *where):
+    for finding in examine(arm, where):
         n += bool(finding.advice)
         echo(f"{'fix' if finding.advice else 'ok ':4} {finding.check:20} {finding.found}")
         if finding.advice:
@@ -171,9 +171,7 @@ def _link(channel: str) -> dict[str, Any]:
     return dict(json.loads(answer.stdout)[0].get("linkinfo", {}))
 
 
-def examine(
-    name: str | None, interface: str | None, channels: tuple[str, ...], bitrate: int | None
-) -> Iterator[Finding]:
+def examine(name: str | None, where: Where) -> Iterator[Finding]:
     """Return the findings, one check after the other."""
     arm = None
     if name:
@@ -187,9 +185,9 @@ def examine(
                 raise  # a slip of the keyboard; nothing of what follows was meant
             yield Finding("arm", str(error), "mend the file")
     buses = arm.buses if arm else (BusSettings(),)
-    interface_of(buses[0], interface)  # one that there is not is a slip, too
+    interface_of(buses[0], where.interface)  # one that there is not is a slip, too
     try:
-        places = find_places(buses, interface, channels, bitrate)
+        places = where.places(*buses)
     except AddressError as error:
         yield Finding("channel", str(error), "say it by -c, or in the arm file")
         places = []

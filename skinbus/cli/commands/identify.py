@@ -16,7 +16,7 @@ from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import run_to_end
 from skinbus.cli.live_presses import talk
-from skinbus.cli.options import BusWords, arm_bus_options, file_option
+from skinbus.cli.options import Where, arm_bus_options, file_option
 from skinbus.config.arm_edit import write_arm
 from skinbus.config.arm_file import find_arm
 from skinbus.config.system import load_arm
@@ -39,7 +39,7 @@ Say = Callable[..., Any]
 @click.argument("arm")
 @arm_bus_options
 @file_option("--out", help="Write this arm file in place of ARM.")
-def command(arm: str, bus: BusWords, out: Path | None) -> None:
+def command(arm: str, where: Where, out: Path | None) -> None:
     """Find which board sits where on ARM: the command asks for presses at one place after the other.
 
     Press each place at its centre. The command names a wrong press and asks again. Then it writes node-IDs
@@ -59,8 +59,8 @@ def command(arm: str, bus: BusWords, out: Path | None) -> None:
     """
     path, whole = find_arm(arm), load_arm(arm, check_load=False)
     target, arm_file = arm_target(arm, path, whole, out)
-    part, place = bus.of(whole)
-    number = bus_numbers(whole, [bus.name] if bus.name else [])[0]
+    part, place = where.of(whole)
+    number = bus_numbers(whole, where.names)[0]
     mountings = [mounting for mounting in arm_file.mountings if mounting.bus == number]
     console = Console()
     say = partial(console.print, soft_wrap=True)

@@ -13,7 +13,7 @@ from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.live_presses import talk
-from skinbus.cli.options import BusWords, Range, arm_bus_options
+from skinbus.cli.options import Range, Where, arm_bus_options
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import columns_of, read_presses, write_presses
 from skinbus.config.arm_file import find_arm, read_arm_file
@@ -32,7 +32,7 @@ from skinbus.model import Arm
     type=Range(min=0.0, min_open=True),
     help="Force of all presses, N. Without it the force is unknown, but must be the same in all.",
 )
-def command(arm: str, presses: Path, bus: BusWords, weight_n: float | None) -> None:
+def command(arm: str, presses: Path, where: Where, weight_n: float | None) -> None:
     """Press the boards of ARM at places that the command asks for; write the presses to PRESSES.
 
     The command names a press that is wrong, too light or too short, and asks again. It ends when more
@@ -49,7 +49,7 @@ def command(arm: str, presses: Path, bus: BusWords, weight_n: float | None) -> N
     """
     whole = load_arm(arm, check_load=False)
     output.keep_files([presses], arm, read_arm_file(find_arm(arm)).files)
-    part, place = bus.of(whole)
+    part, place = where.of(whole)
     force = math.nan if weight_n is None else weight_n
     output.try_to_write(presses)
     kept = made_before(part, presses, force)

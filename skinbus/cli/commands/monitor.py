@@ -12,7 +12,7 @@ from rich.live import Live
 
 from skinbus.cli.console import Console
 from skinbus.cli.host import REFRESH_S
-from skinbus.cli.options import BusesWords, buses_options, seconds_option
+from skinbus.cli.options import Where, bus_options, seconds_option
 from skinbus.cli.output import echo
 from skinbus.cli.stop_signals import Ending
 from skinbus.config.system import load_arm
@@ -26,10 +26,10 @@ SILENT_S: Final = 1.0
 
 @click.command()
 @click.argument("arm")
-@buses_options
+@bus_options
 @click.option("--json-lines", "is_stream", is_flag=True, help="Print a line of JSON for every cycle instead.")
 @seconds_option
-def command(arm: str, where: BusesWords, is_stream: bool, seconds: float | None) -> None:
+def command(arm: str, where: Where, is_stream: bool, seconds: float | None) -> None:
     """Show the contacts that a master of ARM publishes, until Ctrl-C; status 1 when no master sent anything.
 
     Pressures are computed from the readings of the patches; their zeros are found here. Without a terminal
@@ -42,11 +42,17 @@ def command(arm: str, where: BusesWords, is_stream: bool, seconds: float | None)
       skinbus monitor forearm --json-lines | jq -c .contacts
     """
     loaded, newest, shown_s = load_arm(arm, check_load=False), None, 0.0
-    console, screen, (interface, channel, bitrate) = Console(), Screen(loaded), where
+    console, screen = Console(), Screen(loaded)
     is_live = console.is_terminal and not is_stream
     with (
         Ending() as ending,
-        listen(loaded, interface=interface, channel=channel, bitrate=bitrate, readings=not is_stream) as skin,
+        listen(
+            loaded,
+            interface=where.interface,
+            channel=where.channels,
+            bitrate=where.bitrate,
+            readings=not is_stream,
+        ) as skin,
         Live(console=console, auto_refresh=False) if is_live else nullcontext() as live,
     ):
         end_s = time.monotonic() + seconds if seconds else float("inf")

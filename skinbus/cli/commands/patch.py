@@ -14,7 +14,7 @@ from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
-from skinbus.cli.options import BusWords, Range, bus_options, seconds_option
+from skinbus.cli.options import Range, Where, bus_options, seconds_option
 from skinbus.cli.output import echo
 from skinbus.gateway.reader import Reader
 from skinbus.node import Device, PatchHost
@@ -60,7 +60,7 @@ def _function(ctx: click.Context, parameter: click.Parameter, value: str) -> Cal
 @bus_options
 @seconds_option
 def command(
-    eds: str, read: Callable[[], Any], node_id: int, rate_hz: float, bus: BusWords, seconds: float | None
+    eds: str, read: Callable[[], Any], node_id: int, rate_hz: float, where: Where, seconds: float | None
 ) -> None:
     """Make a sensor a patch on a CAN bus, until Ctrl-C.
 
@@ -77,7 +77,7 @@ def command(
     od = load_eds(eds, node_id)
     patch = describe_patch(od, eds)
     reader = Reader(read, patch.n_tactels, patch.transducer.bits, _say)
-    place = bus.place()
+    place = where.places()[0]
     if frame_bytes(od) > CLASSIC_BYTES:
         place = place._replace(data_bitrate=place.bitrate)
     clock, stop = MonotonicClock(), threading.Event()

@@ -20,9 +20,9 @@ from skinbus.cli.formatting import counted, nodes_by_bus
 from skinbus.cli.host import REFRESH_S, Host, compiling
 from skinbus.cli.notify import Notifier
 from skinbus.cli.options import (
-    BusesWords,
     Range,
-    buses_options,
+    Where,
+    bus_options,
     file_option,
     level_option,
     seconds_option,
@@ -36,7 +36,7 @@ from skinbus.master.health import Health
 from skinbus.master.memory import Memory
 from skinbus.master.patches.table import PatchState
 from skinbus.model import Arm
-from skinbus.skin.addresses import find_places, shown
+from skinbus.skin.addresses import shown
 from skinbus.skin.compile_ahead import allow_when_compiled, first_level, start_compiling
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.master_cycles import CycleMaker
@@ -52,7 +52,7 @@ RECENT_NS: Final = 1_000_000_000
 
 @click.command()
 @click.argument("arm")
-@buses_options
+@bus_options
 @level_option()
 @click.option(
     "--budget-us",
@@ -71,7 +71,7 @@ RECENT_NS: Final = 1_000_000_000
 @seconds_option
 def command(
     arm: str,
-    where: BusesWords,
+    where: Where,
     level: str,
     budget_us: float | None,
     zero: bool,
@@ -97,7 +97,7 @@ def command(
       skinbus run arm-two-buses -c upper=can0 -c lower=can1
     """
     loaded = load_arm(arm)
-    places = find_places(loaded.buses, *where)
+    places = where.places(*loaded.buses)
     console = Console(outlives_reader=True)
     run = Run(loaded, console)
     with ExitStack() as ears:
