@@ -29,7 +29,6 @@ MOST: Final = 2.0**32
 PRESSES: Final = ("node_id", "s_mm", "a_mm", "p1")
 """Readings are p1, p2, ... in Pa; gains of the board are not in them: they change with each calibration from
 the same presses."""
-WANTED: Final = "node_id, s_mm, a_mm, and p1, p2, ...; force_n and n1, n2, ... if known"
 OPTIONAL: Final = re.compile(r"force_n|[pn][1-9]\d{0,3}")
 """Columns that are read where they are there; n1, n2, ... are noise in Pa."""
 
@@ -49,7 +48,7 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
     Raises:
         ConfigError: faults of the file, all of them; keys are line and column.
     """
-    _, rows, faults = _read(path, [PRESSES], WANTED, ["force_n"])
+    _, rows, faults = _read(path, [PRESSES], ["force_n"])
     buses = [bus.name for bus in arm.buses]
     which = f"; a column bus with {' or '.join(buses)}, where node-IDs repeat" if len(buses) > 1 else ""
     presses: list[Press] = []
@@ -105,7 +104,7 @@ def read_columns(
     Raises:
         ConfigError: the columns of no choice are there, or values are no numbers, all faults.
     """
-    names, rows, faults = _read(path, choices, " or ".join(map(", ".join, choices)), optional)
+    names, rows, faults = _read(path, choices, optional)
     columns = {name: np.array([row.numbers[name] for row in rows]) for name in names}
     fewest = FEWEST if "t_s" in columns else 1
     if not faults and len(rows) < fewest:
@@ -140,7 +139,7 @@ def write_presses(path: Path, arm: Arm, presses: Sequence[Press]) -> None:
 
 
 def _read(
-    path: Path, choices: Sequence[Sequence[str]], wanted: str, optional: Sequence[str]
+    path: Path, choices: Sequence[Sequence[str]], optional: Sequence[str]
 ) -> tuple[list[str], list[Row], FaultList]:
     """Return the names of columns, the rows without fault, and the faults of the others."""
     text = read_bytes(path, MAX_BYTES).decode("utf-8-sig", errors="replace")
@@ -148,7 +147,7 @@ def _read(
     rows, faults = list[Row](), FaultList()
     try:
         names = [name.strip() for name in next(filter(None, reader), [])]
-        if wrong := header_faults(names, choices, wanted, optional):
+        if wrong := header_faults(names, choices, optional):
             raise ConfigError(str(path), wrong)
         needed = {*next(choice for choice in choices if set(choice) <= set(names))} - {"p1"}
         for row in filter(None, reader):
