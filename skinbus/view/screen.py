@@ -13,8 +13,6 @@ from skinbus.skin.cycle import Cycle
 from skinbus.view.table import contact_table
 from skinbus.view.unrolled import Unrolled
 
-FULL_SHADE_PA: Final = 60e3
-"""Pressure shown darkest: the peak of a 5 N fingertip on the default layer is about 40 kPa."""
 BELOW: Final = 6
 """Lines beside the picture: the head, some contacts, and the one with the cursor."""
 
@@ -24,7 +22,6 @@ class Screen:
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
-        self._links = [link.name for link in arm.links]
         self._drawn: dict[int, Unrolled] = {}
 
     def render(self, cycle: Cycle | None, width: int = 80, height: int = 24) -> Group:
@@ -44,13 +41,7 @@ class Screen:
         unrolled = self._drawn[width]
         columns, lines = unrolled.size
         if columns <= width and lines + BELOW <= height:
-            picture = unrolled.render(
-                cycle.readings.pressures,
-                FULL_SHADE_PA,
-                [(self._links.index(one.link), one.s, one.a, str(one.id)) for one in cycle.contacts],
-                [(self._links.index(touch.link), touch.s, touch.a) for touch in cycle.truth],
-                lost[self._arm.tactel_patch],
-            )
+            picture = unrolled.render(cycle, lost[self._arm.tactel_patch])
             picture.rstrip()
             parts.append(picture)
         elif lost.any():
