@@ -112,12 +112,6 @@ ROBOT_JOINTS = Name("Robot", "Joint count")
 ROBOT_WRENCH = Name("Robot", "Base force x")
 """The first of six."""
 JOINT_POSITION = Name("Joint position")
-JOINT_TORQUE = Name("Joint torque")
-JOINT_TORQUE_DEVIATION = Name("Joint torque deviation")
-JOINT_TORQUE_COUNTS = Name("Joint torque 0.01")
-"""In 0.01 N m or 0.01 N; ``TORQUE_INVALID`` where it is not valid."""
-TORQUE_STEP = 0.01
-TORQUE_INVALID = -0x8000
 MAX_JOINTS = 16
 """Elements of these arrays."""
 
