@@ -160,14 +160,15 @@ class SdoServer:
             self.dictionary.write(self._index, self._sub, data[4 : 4 + length])
             return [answer]
         announced = number if command & SIZE_GIVEN else None
-        self.dictionary.admit(self._index, self._sub, announced)
+        entry = self.dictionary.admit(self._index, self._sub, announced)
+        most = (entry.size or MAX_LENGTH) if announced is None else announced
         came, toggle = bytearray(), 0
         while True:
             segment = yield [answer], DOWNLOAD_SEGMENT
             toggle = next_toggle(segment, toggle)
             came += segment[1 : 8 - (segment[0] >> 1 & 7)]
-            if len(came) > (MAX_LENGTH if announced is None else announced):
-                raise SdoAbort(AbortCode.MEMORY if announced is None else AbortCode.LENGTH_HIGH)
+            if len(came) > most:
+                raise SdoAbort(AbortCode.LENGTH_HIGH)
             answer = bytes((0x20 | segment[0] & TOGGLE,)) + bytes(7)
             if segment[0] & LAST_SEGMENT:
                 if announced is not None and len(came) < announced:

@@ -112,7 +112,7 @@ def test_age_of_a_sample_is_sent_with_it():
 @pytest.mark.parametrize("n_frames", [10_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 def test_random_frames_do_no_harm(tmp_path, n_frames):
     write_project("skin-patch-fd32", tmp_path)
-    sources = [*tmp_path.glob("core/*.c"), tmp_path / "board.c", tmp_path / "ports" / "library.c"]
+    sources = [*tmp_path.glob("core/*.c"), tmp_path / "board.c"]
     fuzz = Path(__file__).parent / "fuzz.c"
     sanitizers = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     command = ["cc", *FLAGS, *sanitizers, f"-I{tmp_path}", f"-I{tmp_path / 'core'}", "-o", tmp_path / "fuzz"]
@@ -204,7 +204,7 @@ def test_board_with_few_objects_builds_and_keeps_every_rule(tmp_path):
 def test_project_builds_as_it_is_written(tmp_path):
     done = CliRunner().invoke(command, ["firmware", "skin-patch", "--out", str(tmp_path / "own")])
     assert not done.exit_code, done.output
-    make = ["make", "-s", "-C", tmp_path / "own", "socketcan", "skeleton", "library"]
+    make = ["make", "-s", "-C", tmp_path / "own", "socketcan", "skeleton"]
     built = subprocess.run(make, capture_output=True, text=True)
     assert (built.returncode, built.stderr) == (0, "")
 
