@@ -18,7 +18,8 @@ from skinbus.node.layout import ImageLayout, key_of
 from skinbus.objects.cia import NmtState
 from skinbus.objects.eds import load_eds
 
-FLAGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Werror", "-O1", "-DSB_SAMPLE_US=0")
+WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Werror")
+FLAGS = (*WARNINGS, "-O1", "-DSB_SAMPLE_US=0")
 PAGE = 8192
 EMPTY = b"\xff" * 2 * PAGE
 PORT = Path(__file__).parent / "library.c"
