@@ -21,7 +21,7 @@ from skinbus.objects import cia
 from skinbus.objects.dcf import is_verified
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import Direction, pdo_numbers
-from skinbus.objects.profile import COMMUNICATION_CHECKSUM, SAMPLE_COUNTER
+from skinbus.objects.profile import COMMUNICATION_CHECKSUM, SAMPLE_COUNTER, find
 
 NODE_ID: Final = 1
 """Node-ID at which the dictionary is read; what depends on it is stored without it."""
@@ -135,7 +135,7 @@ def _services(
         raise EdsError(eds, [Fault("readings", None, "0x6401 or 0x6400")])
     mapped = [len(layout.subs(way.mapping + n - 1)) for way, numbers in pdos.items() for n in numbers]
     rates = [bit for bit, rate in cia.BIT_RATES.items() if rate in od.device_information.allowed_baudrates]
-    stamp, checksum = (od.names.get(name.object) for name in (SAMPLE_COUNTER, COMMUNICATION_CHECKSUM))
+    stamp, checksum = (find(od, name) for name in (SAMPLE_COUNTER, COMMUNICATION_CHECKSUM))
     return {
         "N_TACTELS": len(readings.entries),
         "READINGS": readings.entries[0].index,

@@ -89,7 +89,7 @@ class _Objects:
 
     def __init__(self, device: Device, n_joints: int) -> None:
         od = load_eds("skin-master", device.node_id)
-        records = device.values.rows(od[profile.contact(1).object].index, profile.MAX_CONTACTS)
+        records = device.values.rows(od[profile.contact(1)].index, profile.MAX_CONTACTS)
         fields: Any = records.dtype.fields
         start, end = fields[FIRST][1], fields[LAST][1] + 4
         block = np.dtype(
@@ -103,7 +103,7 @@ class _Objects:
         self._block: npt.NDArray[np.float32] = records.view(block)["block"]
         self._valid: npt.NDArray[np.uint8] = records["Robot valid"]
 
-        def view(name: profile.Name, n: int) -> npt.NDArray[Any]:
+        def view(name: str, n: int) -> npt.NDArray[Any]:
             index, sub = profile.index_of(od, name)
             return device.image_view(index, sub or 1, n)
 

@@ -9,7 +9,7 @@ import canopen
 from skinbus.node.context import Context
 from skinbus.node.layout import key_of
 from skinbus.objects.cia import ERROR_REGISTER
-from skinbus.objects.profile import SAMPLE_COUNTER, SAMPLE_STATUS, SampleStatus, index_of
+from skinbus.objects.profile import SAMPLE_COUNTER, SAMPLE_STATUS, SampleStatus, has, index_of
 
 
 class SampleStamp:
@@ -26,7 +26,7 @@ class SampleStamp:
     @staticmethod
     def fits(od: canopen.ObjectDictionary) -> bool:
         """Return whether a dictionary has the objects."""
-        return SAMPLE_COUNTER.object in od.names
+        return has(od, SAMPLE_COUNTER)
 
     def write(self, counter: int, status: SampleStatus) -> None:
         """Stamp the sample of a SYNC; one that is older is of no SYNC, its counter is 0."""

@@ -35,7 +35,7 @@ class VerifyService:
         if self._subs:
             dictionary.on_stored = self._stored
         for entry in entries.values():
-            if entry.variable.name == COMMUNICATION_CHECKSUM.object:
+            if entry.variable.name == COMMUNICATION_CHECKSUM:
                 dictionary.readers[entry.index] = self._checksum
 
     def loaded(self, *, application: bool) -> None:

@@ -82,7 +82,7 @@ def configuration(od: ObjectDictionary, *, window_us: int = 0) -> Configuration:
     flat = to_concise(writes)
     date, time = (zlib.crc32(flat) or 1, zlib.adler32(flat)) if writes else (0, 0)
     verified = [v for v in _variables(od) if is_verified(v.index) and v.writable and v.readable]
-    found = od.names.get(COMMUNICATION_CHECKSUM.object)
+    found = od.names.get(COMMUNICATION_CHECKSUM)
     window = None
     if any(v.index == cia.SYNC_WINDOW and v.value is None and not v.default for v in verified) and window_us:
         window = Write(cia.SYNC_WINDOW, 0, window_us.to_bytes(4, "little"))

@@ -150,7 +150,9 @@ def _mapping(file: EdsFile, direction: Direction, mapping: Entry) -> None:
         if wanted := _mapped_object(file, direction, variable.number):
             for each in wanted:
                 file.fault_at(variable, f"0x{variable.number:08X}", each)
-    is_fd = any(v.name == FRAME_BYTES.member for e in file.objects.values() for v in e.variables.values())
+    is_fd = any(
+        FRAME_BYTES.endswith(f"/{v.name}") for e in file.objects.values() for v in e.variables.values()
+    )
     most = 8 * (MAX_BYTES if is_fd else CLASSIC_BYTES)
     if total > most:
         file.fault(mapping.section, "", f"{total} bits mapped in all", f"at most {most}")

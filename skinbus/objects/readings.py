@@ -28,7 +28,7 @@ from skinbus.objects.cia import (
     Trigger,
 )
 from skinbus.objects.pdo import PdoMap, carries_readings, readings_in, tpdos
-from skinbus.objects.profile import SAMPLE_AGE, SAMPLE_COUNTER, SAMPLE_STATUS, Name, has, index_of, number_at
+from skinbus.objects.profile import SAMPLE_AGE, SAMPLE_COUNTER, SAMPLE_STATUS, has, index_of, number_at
 
 Counts = npt.NDArray[np.int32]
 Stamps = npt.NDArray[np.uint8]
@@ -319,7 +319,7 @@ def _stamp(od: ObjectDictionary, pdo: PdoMap) -> tuple[int, int, int, int]:
     """Return the bytes of a PDO that hold the counter, status and age of its sample, -1 without."""
     at = {(e.index, e.sub, e.bits): e.offset // 8 for e in pdo.entries if e.offset % 8 == 0}
 
-    def of(name: Name, bits: int) -> int:
+    def of(name: str, bits: int) -> int:
         return at.get((*index_of(od, name), bits), -1) if has(od, name) else -1
 
     age = of(SAMPLE_AGE, 16)
