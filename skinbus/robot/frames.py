@@ -105,7 +105,7 @@ class RobotFrames:
         assert arm.robot is not None
         self.arm = arm
         self.chain = chain = load_chain(arm.robot)
-        self._shapes = np.stack([arm.link_radius, arm.link_taper, arm.link_period, arm.link_length])
+        self._shapes = arm.link_shapes.T
         surfaces = [link.surface for link in arm.links]
         self._meshes = [(k, mesh) for k, mesh in enumerate(surfaces) if isinstance(mesh, MeshSurface)]
         across = np.zeros((chain.n_joints, 3, 3))  # of axes: across @ v is the cross product

@@ -96,7 +96,7 @@ class Geometry:
                 self._on_mesh[link] = surface.position(self.s[tactels], self.a[tactels])
             seen = _seen_on(surface, s, a, *self._on_mesh[link])
             return tactels, seen[:, 0], seen[:, 1]
-        radius, taper, period = arm.link_radius[link], arm.link_taper[link], arm.link_period[link]
+        radius, taper, period, length = arm.link_shapes[link]
         around = self.a[tactels] - a
         if turn is not None:
             around += turn * period
@@ -106,7 +106,7 @@ class Geometry:
         angle *= np.sinc(
             0.5 / np.pi * taper * angle
         )  # the chord of a cone that is rolled out; of sinc pi is a part
-        middle = 0.5 * arm.link_length[link]
+        middle = 0.5 * length
         radii = (radius + taper * (self.s[tactels] - middle)) * (radius + taper * (s - middle))
         return tactels, self.s[tactels] - s, np.sqrt(radii) * angle
 

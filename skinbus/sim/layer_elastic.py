@@ -129,7 +129,7 @@ class ElasticLaw:
     def _add_extended(self, loads: Loads, j: int, pressures: Floats) -> None:
         """Add an edge or a palm; where it goes around a closed link, all its turns within reach count."""
         geometry, link, yaw = self._geometry, int(loads.link[j]), loads.yaw[j]
-        period = geometry.arm.link_period[link]
+        period = geometry.arm.links[link].surface.period
         for number, (plane, step) in enumerate(self._planes[int(loads.indenter[j])]):
             turns = math.ceil(step * math.hypot(*plane.shape) / period) if period > 0.0 else 0
             for turn in range(-turns, turns + 1):

@@ -91,7 +91,7 @@ class TouchPlan:
     """All touches of a scene, and the loads they make at a time."""
 
     def __init__(self, arm: Arm, touches: Sequence[Touch]) -> None:
-        self._touches, self._period = touches, arm.link_period
+        self._touches, self._period = touches, arm.link_shapes[:, 2]
         self._times = np.array([(touch.start, touch.end) for touch in touches]).reshape(-1, 2)
         known: dict[Indenter, int] = {}
         self._numbers = [known.setdefault(touch.indenter, len(known)) for touch in touches]

@@ -43,7 +43,7 @@ def test_constant_force_rises_and_falls_within_its_ramp(tmp_path):
     scene = load_scene(path)
     assert [scene.touches_at(t).force.tolist() for t in (0.9, 1.5, 2.0)] == [[], [8.0], []]
     assert scene.touches_at(1.1).force[0] == pytest.approx(4.0)
-    radius = float(scene.arm.link_radius[0])
+    radius = float(scene.arm.links[0].surface.radius)
     assert scene.touches_at(1.5).a[0] == pytest.approx(math.radians(-170) * radius)
 
 

@@ -443,9 +443,9 @@ def _left_adjusted(patch: PatchCheck) -> Check:
 def _rests_in_band(patch: PatchCheck) -> Check:
     """Untouched, no tactel reads as if it were touched."""
     board = describe_patch(patch.od)
+    offset = np.broadcast_to(board.offset, board.n_tactels)
     for sub, value in enumerate((yield from _counts(patch)), 1):
-        offset = 0.0 if board.offset is None else float(board.offset[sub - 1])
-        pressure = (value - offset) * board.transducer.step
+        pressure = (value - offset[sub - 1]) * board.transducer.step
         wanted = f"wanted within {board.threshold:g} Pa, the touch threshold, of its offset"
         _need(abs(pressure) <= board.threshold, f"reading {sub} is {pressure:.0f} Pa untouched; {wanted}")
 
