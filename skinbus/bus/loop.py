@@ -12,7 +12,6 @@ import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
-from typing import Final
 
 from skinbus.bus.interface import Bus
 from skinbus.bus.managed_interface import ManagedInterface
@@ -24,20 +23,20 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.errors import BusError
 
-IDLE_NS: Final = 100_000_000
+IDLE_NS = 100_000_000
 """Longest sleep, after which ``stop`` is looked at."""
 
-POLL_NS: Final = 150_000
+POLL_NS = 150_000
 """Polling begins this long before a wake-up: what a sleep overshoots (median 60, p99 200 us when idle)."""
 
-NAP_NS: Final = 1_000_000
+NAP_NS = 1_000_000
 """Several interfaces of which one cannot be waited for are looked at so often."""
 
-PACED_FROM: Final = 8
+PACED_FROM = 8
 """Data frames owed beyond which the loop sleeps through some of them: waking costs more than reading."""
 
-SHORTEST_PACE_NS: Final = 100_000
-LONGEST_PACE_NS: Final = 1_000_000
+SHORTEST_PACE_NS = 100_000
+LONGEST_PACE_NS = 1_000_000
 """Such a sleep: long enough to be worth it, short enough to be no latency."""
 
 

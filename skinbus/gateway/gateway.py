@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
 from canopen.objectdictionary import ObjectDictionary
 
@@ -18,11 +17,11 @@ from skinbus.node import Device
 from skinbus.node.host import PatchHost
 from skinbus.node.storage import MemoryStorage
 
-CANOPEN: Final = 0
-SKIN: Final = 1
+CANOPEN = 0
+SKIN = 1
 """Numbers of the buses."""
 
-START_AGAIN_NS: Final = 1_000_000_000
+START_AGAIN_NS = 1_000_000_000
 """How often the start commands are repeated to boards that do not send: they may have been off."""
 
 

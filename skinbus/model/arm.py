@@ -18,8 +18,6 @@ from skinbus.model.patch import Patch
 from skinbus.model.robot import RobotSettings
 from skinbus.model.surface import Surface
 
-Ints = npt.NDArray[np.int32]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusSettings:

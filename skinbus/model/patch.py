@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Final, Self
+from typing import Self
 
 import numpy as np
 
@@ -17,7 +17,7 @@ MAX_TACTELS = 64
 """The width of the health mask."""
 
 
-_LIMITS: Final = {
+_LIMITS = {
     **dict.fromkeys(("threshold", "release", "noise", "zero_band", "zero_drift"), (0.0, MOST)),
     **dict.fromkeys(("gain", "offset", "bias"), ANY),
     "width": SIZE,

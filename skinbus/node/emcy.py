@@ -9,7 +9,6 @@ from __future__ import annotations
 import struct
 from collections import deque
 from collections.abc import Sequence
-from typing import Final
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
@@ -40,7 +39,7 @@ DATA_LENGTH = 5
 MESSAGE = struct.Struct("<HB5s")
 
 # First byte of the code -> bit of the register that CiA 301 table 26 gives it; the generic bit is always set.
-REGISTER_BITS: Final[dict[int, ErrorRegister]] = {
+REGISTER_BITS: dict[int, ErrorRegister] = {
     0x2: ErrorRegister.CURRENT,
     0x3: ErrorRegister.VOLTAGE,
     0x4: ErrorRegister.TEMPERATURE,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import canopen
 
 from skinbus.node.context import Context
@@ -18,7 +16,7 @@ class SampleStamp:
     def __init__(self, context: Context) -> None:
         self.values = context.values
         table = context.values.layout
-        self._at: Final = [
+        self._at = [
             table.entries[key_of(*index_of(table.od, name))].offset
             for name in (SAMPLE_COUNTER, SAMPLE_STATUS)
         ]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable
 from functools import partial
-from typing import Final, Protocol
+from typing import Protocol
 
 from skinbus.can.event import EventKind
 from skinbus.node.context import Context
@@ -41,12 +41,12 @@ MANUFACTURER = "manufacturer"
 LSS = "lss"
 
 # CiA 301, 7.4.1: the areas of the dictionary.
-AREAS: Final[dict[str, range]] = {
+AREAS: dict[str, range] = {
     COMMUNICATION: range(0x1000, 0x2000),
     MANUFACTURER: range(0x2000, 0x6000),
     APPLICATION: range(0x6000, 0xA000),
 }
-GROUPS: Final[dict[int, tuple[str, ...]]] = {
+GROUPS: dict[int, tuple[str, ...]] = {
     STORE_ALL: (COMMUNICATION, APPLICATION, MANUFACTURER),
     STORE_COMMUNICATION: (COMMUNICATION,),
     STORE_APPLICATION: (APPLICATION,),

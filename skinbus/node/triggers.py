@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Bools, Ints
 from skinbus.node.context import Context
 from skinbus.node.dictionary import Dictionary
 from skinbus.node.layout import key_of
@@ -57,7 +58,7 @@ class AnalogueTriggers:
         self._inputs: npt.NDArray[Any] = self.values.view(self.index, 1, self.n) if self.n else np.zeros(0)
         self._sent = np.zeros(self.n, np.int64)
         self._known = np.zeros(self.n, np.bool_)
-        self._channels: dict[int, npt.NDArray[np.bool_]] = {}
+        self._channels: dict[int, Bools] = {}
         for index in OBJECTS:
             dictionary.watchers[index] = lambda sub: self.configure()
 
@@ -105,7 +106,7 @@ class AnalogueTriggers:
             self._sent[mask] = self._inputs[mask]
             self._known |= mask
 
-    def _column(self, index: int) -> npt.NDArray[np.int64]:
+    def _column(self, index: int) -> Ints:
         """Values of an array object, one for each input; zero where it has none."""
         subs = range(1, self.n + 1)
         has = self.layout.entries.keys()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from skinbus.node.context import Context
 from skinbus.node.dictionary import Dictionary
 from skinbus.node.layout import ImageEntry
@@ -24,8 +22,8 @@ class VerifyService:
     def __init__(self, context: Context, dictionary: Dictionary) -> None:
         self.values = context.values
         entries = dictionary.layout.entries
-        self._subs: Final = dictionary.layout.subs(VERIFY_CONFIGURATION)
-        self._verified: Final = [
+        self._subs = dictionary.layout.subs(VERIFY_CONFIGURATION)
+        self._verified = [
             entries[key]
             for key in sorted(entries)
             if is_verified(entries[key].index) and is_parameter(entries[key])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,10 +18,10 @@ from skinbus.objects import cia, profile
 from skinbus.objects.eds_values import BOOLEAN, TYPES, Number
 from skinbus.objects.profile import current, has, index_of, look_up, look_up_array
 
-LAW_CONE: Final = 0
-LAW_RADIAL: Final = 1
+LAW_CONE = 0
+LAW_RADIAL = 1
 
-_OPTIONAL: Final = (
+_OPTIONAL = (
     profile.TACTEL_WIDTH,
     profile.TACTEL_BIAS_PA,
     profile.RESIDUAL_MAP,
@@ -30,7 +30,7 @@ _OPTIONAL: Final = (
 )
 """What boards of others need not have."""
 
-_MAP_HEADER: Final = struct.Struct("<BBHf")
+_MAP_HEADER = struct.Struct("<BBHf")
 """Tactels, points along an axis, step in um, 1/m^2 of one count."""
 
 

@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
 
@@ -25,11 +25,11 @@ from skinbus.objects.eds_values import REAL32, REAL64, TYPES, Number, encode
 from skinbus.objects.pdo import Direction
 from skinbus.objects.profile import COMMUNICATION_CHECKSUM
 
-_CONCISE: Final = struct.Struct("<HBI")
+_CONCISE = struct.Struct("<HBI")
 """Index, sub-index and length of an entry of a concise DCF."""
-_NOT_DOWNLOADED: Final = (cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS, cia.VERIFY_CONFIGURATION)
+_NOT_DOWNLOADED = (cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS, cia.VERIFY_CONFIGURATION)
 
-_VERIFIED: Final = frozenset(
+_VERIFIED = frozenset(
     {
         cia.SYNC_COB_ID,
         cia.SYNC_PERIOD,

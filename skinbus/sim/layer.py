@@ -9,13 +9,10 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-from skinbus.arrays import Floats
+from skinbus.arrays import Floats, Ints
 from skinbus.model import Arm
 from skinbus.model.mesh_surface import MeshSurface
-
-Ints = npt.NDArray[np.int32]
 
 _DIRECTION = 0.5e-3
 """m, over which the direction of s is taken at a load on a mesh: far less than any radius."""
@@ -78,9 +75,7 @@ class Geometry:
         spread = np.repeat(diameters, np.diff(arm.patch_start))
         return cls(arm, arm.tactel_s.copy(), arm.tactel_a.copy(), spread)
 
-    def ways(
-        self, link: int, s: float, a: float, turn: int | None = None
-    ) -> tuple[npt.NDArray[np.intp], Floats, Floats]:
+    def ways(self, link: int, s: float, a: float, turn: int | None = None) -> tuple[Ints, Floats, Floats]:
         """Return the tactels of a link, and the way to each from a place along s and around, m.
 
         Their length is the distance on the surface. The shorter way around is taken, or one that is ``turn``

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skinbus.arrays import Floats
+from skinbus.arrays import Floats, Ints32
 from skinbus.model import Arm
 from skinbus.sim.indenter import Indenter, Shape
-from skinbus.sim.layer import Ints, Loads
+from skinbus.sim.layer import Loads
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -73,14 +73,14 @@ class Touch:
 class Touches:
     """The touches that press at one time, as columns: the truth that contacts are compared with."""
 
-    link: Ints
+    link: Ints32
     s: Floats
     """m"""
     a: Floats
     """m, wrapped"""
     force: Floats
     """N, above zero"""
-    touch: Ints
+    touch: Ints32
     """Number of the touch in the scene."""
 
     def __len__(self) -> int:

@@ -8,7 +8,7 @@ Where: ``xyz_mm``, a point of the surface; ``s_mm`` with ``angle_deg`` (closed s
 from __future__ import annotations
 
 import math
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -21,7 +21,7 @@ from skinbus.sim.effect import parameter, settings
 from skinbus.sim.indenter import Shape
 from skinbus.sim.touch import Touch
 
-_SIZES: Final = {
+_SIZES = {
     "point": (),
     "disc": ("diameter_mm",),
     "edge": ("length_mm",),
@@ -30,9 +30,9 @@ _SIZES: Final = {
 }
 """Sizes that each shape needs; it takes no others."""
 
-_PULSE: Final = np.linspace(0.0, 1.0, 17)
+_PULSE = np.linspace(0.0, 1.0, 17)
 """Keys of a half sine; linear in between errs by 1 % of the peak at most."""
-OFF: Final = 5e-3
+OFF = 5e-3
 """m: a point of a touch further from the surface is not meant to be on it."""
 
 Millimetres = Annotated[float, Field(gt=0, le=1000)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from skinbus.bus.interface import Bus
 from skinbus.bus.opening import open_interface
@@ -18,7 +18,7 @@ NEED_CHANNEL = ("slcan", "serial", "robotell", "seeedstudio")
 """Interfaces behind a serial port; python-can has no default for it."""
 
 
-ALWAYS_FD: Final = ("udp_multicast", "virtual")
+ALWAYS_FD = ("udp_multicast", "virtual")
 """Interfaces on which a CAN FD socket receives classic frames too."""
 
 

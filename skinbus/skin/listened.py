@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from threading import Event
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,10 +37,10 @@ from skinbus.skin.opened import Channel, channel_words
 from skinbus.skin.robot_here import RobotHere
 from skinbus.skin.skin import Skin
 
-LOOK_NS: Final = 20_000_000
+LOOK_NS = 20_000_000
 """How often requests of the program are looked for."""
 
-ZERO_S: Final = 3.0
+ZERO_S = 3.0
 """Longest time that an answer of the master to a command is waited for."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from struct import Struct
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from skinbus.can.frame import Frame
 from skinbus.master.level_control import CycleFlags, split_flags
@@ -12,7 +12,7 @@ from skinbus.objects import profile
 from skinbus.objects.contacts import FORCE_STEP, LENGTH_STEP, ContactState
 from skinbus.objects.published import usual
 
-_PAYLOAD: Final = Struct("<BBhhH")
+_PAYLOAD = Struct("<BBhhH")
 """A contact: id, link and state, s, a, force."""
 
 
