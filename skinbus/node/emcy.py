@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.node.context import NS_PER_100US, Context
-from skinbus.node.dictionary import Dictionary, SdoAbort
+from skinbus.node.dictionary import SdoAbort
 from skinbus.node.nmt import SERVICES, Service
 from skinbus.objects.cia import (
     COB_ID_EXTENDED,
@@ -51,9 +51,8 @@ REGISTER_BITS: dict[int, ErrorRegister] = {
 class EmcyService:
     """Keeps 0x1001, 0x1003 and the messages in step."""
 
-    def __init__(self, context: Context, dictionary: Dictionary) -> None:
-        self.context = context
-        self.values = context.values
+    def __init__(self, context: Context) -> None:
+        self.context, self.values, dictionary = context, context.values, context.dictionary
         self.wake_ns = NEVER
         self._active: dict[tuple[int, bytes], int] = {}
         self._waiting: deque[bytes] = deque(maxlen=MAX_WAITING)

@@ -8,7 +8,7 @@ from enum import Enum, IntEnum
 
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
-from skinbus.node.context import Context, Handler
+from skinbus.node.context import Context, Handler, Part
 from skinbus.node.nmt import Service
 from skinbus.node.storage import LSS, StorageService
 from skinbus.objects.cia import BIT_RATES, IDENTITY, LSS_MASTER_ID, LSS_SLAVE_ID, MAX_NODE_ID
@@ -74,21 +74,15 @@ def lss_request(command: int, data: bytes = b"") -> Frame:
     return Frame(LSS_MASTER_ID, (bytes([command]) + data).ljust(FRAME_LENGTH, b"\0"))
 
 
-class LssSlave:
+class LssSlave(Part):
     """Answers the LSS master; a node-ID takes effect with a reset, at once on an unconfigured node."""
 
     kind = Service.LSS
 
-    def __init__(
-        self,
-        context: Context,
-        storage: StorageService,
-        bit_rates: frozenset[int],
-        on_configured: Callable[[], None],
-    ) -> None:
-        self.context = context
+    def __init__(self, context: Context, storage: StorageService, on_configured: Callable[[], None]) -> None:
+        super().__init__(context)
         self.storage = storage
-        self.bit_rates = bit_rates
+        self.bit_rates = frozenset(self.dictionary.layout.od.device_information.allowed_baudrates)
         self.on_configured = on_configured
         self.mode = Mode.WAITING
         self.pending_node_id = context.node_id
@@ -156,7 +150,7 @@ class LssSlave:
 
     def _identity(self, i: int) -> int:
         """Vendor, product, revision or serial number (0-3)."""
-        return self.context.values.number(IDENTITY, 1 + i)
+        return self.values.number(IDENTITY, 1 + i)
 
     def _answer(self, command: int, data: bytes = b"") -> None:
         self.context.send(LSS_SLAVE_ID, (bytes((command,)) + data).ljust(FRAME_LENGTH, b"\0"))

@@ -12,8 +12,8 @@ from collections.abc import Callable, Generator, Sequence
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
-from skinbus.node.context import Context, Handler
-from skinbus.node.dictionary import MAX_LENGTH, Dictionary, SdoAbort
+from skinbus.node.context import Context, Handler, Part
+from skinbus.node.dictionary import MAX_LENGTH, SdoAbort
 from skinbus.node.nmt import Service
 from skinbus.objects.cia import SDO_CLIENT_BASE, SDO_SERVER, SDO_SERVER_BASE, AbortCode
 
@@ -62,14 +62,13 @@ Transfer = Generator[tuple[Sequence[bytes], Request], bytes, Sequence[bytes]]
 """It is sent a request, or nothing, b"", when the next burst is due."""
 
 
-class SdoServer:
+class SdoServer(Part):
     """Answers the default SDO channel of a device (0x1200)."""
 
     kind = Service.SDO
 
-    def __init__(self, context: Context, dictionary: Dictionary) -> None:
-        self.context = context
-        self.dictionary = dictionary
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
         self._index = self._sub = 0
         self._starts: dict[int, Callable[[bytes], Transfer]] = {
             DOWNLOAD: self._download,
@@ -87,8 +86,8 @@ class SdoServer:
 
     def handlers(self) -> dict[int, Handler]:
         """What this service listens to."""
-        rx = self.context.values.number(SDO_SERVER, 1, SDO_CLIENT_BASE + self.context.node_id)
-        self._tx = self.context.values.number(SDO_SERVER, 2, SDO_SERVER_BASE + self.context.node_id)
+        rx = self.values.number(SDO_SERVER, 1, SDO_CLIENT_BASE + self.context.node_id)
+        self._tx = self.values.number(SDO_SERVER, 2, SDO_SERVER_BASE + self.context.node_id)
         return {rx: self.receive}
 
     def receive(self, frame: Frame) -> None:

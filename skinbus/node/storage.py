@@ -12,8 +12,8 @@ from functools import partial
 from typing import Protocol
 
 from skinbus.can.event import EventKind
-from skinbus.node.context import Context
-from skinbus.node.dictionary import Dictionary, SdoAbort
+from skinbus.node.context import Context, Part
+from skinbus.node.dictionary import SdoAbort
 from skinbus.node.layout import ImageEntry, key_of
 from skinbus.objects.cia import (
     ERROR_HISTORY,
@@ -101,14 +101,13 @@ class MemoryStorage:
         self.groups.pop(group, None)
 
 
-class StorageService:
+class StorageService(Part):
     """Serves 0x1010 and 0x1011, and gives a reset the values that were stored."""
 
-    def __init__(self, context: Context, dictionary: Dictionary, storage: Storage | None) -> None:
-        self.context = context
-        self.dictionary = dictionary
-        self.values = context.values
+    def __init__(self, context: Context, storage: Storage | None) -> None:
+        super().__init__(context)
         self.storage = storage
+        dictionary = self.dictionary
         for index in (STORE_PARAMETERS, RESTORE_DEFAULTS):
             dictionary.readers[index] = partial(self._capability, index)
         dictionary.writers[STORE_PARAMETERS] = self._store

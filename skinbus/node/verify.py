@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from skinbus.node.context import Context
-from skinbus.node.dictionary import Dictionary
+from skinbus.node.context import Context, Part
 from skinbus.node.layout import ImageEntry
 from skinbus.node.storage import AREAS, COMMUNICATION, is_parameter
 from skinbus.objects.cia import VERIFY_CONFIGURATION
@@ -11,7 +10,7 @@ from skinbus.objects.dcf import Write, checksum, is_verified
 from skinbus.objects.profile import COMMUNICATION_CHECKSUM
 
 
-class VerifyService:
+class VerifyService(Part):
     """Sets 0x1020 to 0 when a client changes any other parameter (CiA 301, 7.5.2.24); computes the checksum.
 
     A manager reads 0x1020 to find out whether it has to configure the device again. Whoever writes it last,
@@ -19,8 +18,12 @@ class VerifyService:
     manager chose of one that was; the checksum is computed of what is held when it is read.
     """
 
-    def __init__(self, context: Context, dictionary: Dictionary) -> None:
-        self.values = context.values
+    _is_altered = False
+    """Whether a parameter that outlives a reset of the communication is another one."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        dictionary = self.dictionary
         entries = dictionary.layout.entries
         self._subs = dictionary.layout.subs(VERIFY_CONFIGURATION)
         self._verified = [
@@ -28,8 +31,6 @@ class VerifyService:
             for key in sorted(entries)
             if is_verified(entries[key].index) and is_parameter(entries[key])
         ]
-        self._is_altered = False
-        """Whether a parameter that outlives a reset of the communication is another one."""
         if self._subs:
             dictionary.on_stored = self._stored
         for entry in entries.values():
