@@ -15,7 +15,6 @@ from skinbus.gateway.receiver import PATIENCE, Receiver
 from skinbus.model import Arm
 from skinbus.node import Device
 from skinbus.node.host import PatchHost
-from skinbus.node.storage import MemoryStorage
 
 CANOPEN = 0
 SKIN = 1
@@ -46,8 +45,7 @@ class Gateway(Core):
         self._receiver = Receiver(found, self.addresses)
         self.node_ids: list[int] = arm.node_id[mine].tolist()
         devices = [
-            Device(ods[k], node_id, storage=MemoryStorage())
-            for k, node_id in zip(mine, self.node_ids, strict=True)
+            Device(ods[k], node_id, storage={}) for k, node_id in zip(mine, self.node_ids, strict=True)
         ]
         self._host = PatchHost(devices, self._receiver.newest)
         self._faults = [""] * len(mine)

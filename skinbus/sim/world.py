@@ -27,7 +27,6 @@ from skinbus.can.event import Event
 from skinbus.can.frame import Frame
 from skinbus.config.system import ods_of
 from skinbus.node import Device, PatchHost, Sample
-from skinbus.node.storage import MemoryStorage
 from skinbus.objects.cia import SYNC_ID
 from skinbus.sim.boards import DriftingDevice, SpoiltTraffic
 from skinbus.sim.effect import Stage, on_bus, stream
@@ -141,8 +140,8 @@ class World(Core):
         """Return patch p."""
         node_id, ppm = int(self.scene.arm.node_id[p]), float(self.sampler.clock_ppm[p])
         if not ppm:
-            return Device(od, node_id, storage=MemoryStorage())
-        device = DriftingDevice(od, node_id, storage=MemoryStorage())
+            return Device(od, node_id, storage={})
+        device = DriftingDevice(od, node_id, storage={})
         device.ppm = ppm
         return device
 

@@ -15,7 +15,6 @@ from skinbus.cli.commands.board import command
 from skinbus.firmware import write_project
 from skinbus.master.commissioning.patch_check import MS, RULES, Grade, PatchCheck
 from skinbus.node import Device
-from skinbus.node.storage import MemoryStorage
 from skinbus.objects.eds import eds_names, find_eds, load_eds
 from skinbus.objects.eds_text import EdsText
 from skinbus.sim import load_scene
@@ -56,7 +55,7 @@ def test_firmware_of_every_board_keeps_every_rule(eds):
 def two(eds, seed):
     """Return the simulated patch and the firmware of one board, and what is sent to both."""
     od = load_eds(eds, NODE)
-    pair = Device(od, NODE, storage=MemoryStorage()), board(eds)
+    pair = Device(od, NODE, storage={}), board(eds)
     return pair, Traffic(pair[0].layout, NODE, seed)
 
 

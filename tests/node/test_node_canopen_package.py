@@ -12,7 +12,6 @@ from skinbus.can.frame import Frame
 from skinbus.node import Device, SdoClient
 from skinbus.node.lss import UNCONFIGURED
 from skinbus.node.sdo_server import PACE_NS
-from skinbus.node.storage import MemoryStorage
 from skinbus.objects.eds import load_eds
 from tests.node.node_table import DEVICES
 
@@ -146,7 +145,7 @@ def test_boot_up_heartbeat_and_emcy_are_understood(any_device):
 
 def test_lss_master_finds_and_names_our_node(monkeypatch):
     monkeypatch.setattr("canopen.lss.time.sleep", lambda s: None)
-    device, bus, network, _ = connect("patch", node_id=UNCONFIGURED, storage=MemoryStorage())
+    device, bus, network, _ = connect("patch", node_id=UNCONFIGURED, storage={})
     device.set(0x1018, 4, 0x12345678)
     network.subscribe(network.lss.LSS_RX_COBID, network.lss.on_message_received)
     network.lss.RESPONSE_TIMEOUT = 1e-4  # what is not answered at once never is
