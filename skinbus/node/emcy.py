@@ -16,7 +16,6 @@ from skinbus.node.context import NS_PER_100US, Context
 from skinbus.node.dictionary import SdoAbort
 from skinbus.node.nmt import SERVICES, Service
 from skinbus.objects.cia import (
-    COB_ID_EXTENDED,
     COB_ID_INVALID,
     COB_ID_MASK_11,
     EMCY_COB_ID,
@@ -153,9 +152,8 @@ class EmcyService:
     def _check_cob_id(self, sub: int, data: bytes) -> None:
         """CiA 301, 7.5.2.17: the identifier of a valid EMCY stays, and is no other service's nor extended."""
         value, old = int.from_bytes(data, "little"), self.values.number(EMCY_COB_ID, 0)
-        if value & ~(COB_ID_INVALID | COB_ID_MASK_11) or value & COB_ID_EXTENDED:
-            raise SdoAbort(AbortCode.VALUE_INVALID)
-        if not value & COB_ID_INVALID and restricted(value):
-            raise SdoAbort(AbortCode.VALUE_INVALID)
-        if not (old | value) & COB_ID_INVALID and value != old:
+        is_wrong = value & ~(COB_ID_INVALID | COB_ID_MASK_11)
+        if not value & COB_ID_INVALID:
+            is_wrong |= restricted(value) or (not old & COB_ID_INVALID and value != old)
+        if is_wrong:
             raise SdoAbort(AbortCode.VALUE_INVALID)

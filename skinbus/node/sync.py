@@ -132,12 +132,12 @@ class SyncService(Part):
         """CiA 301, 7.5.2.5: the identifier stays while the SYNC is produced."""
         value, old = int.from_bytes(data, "little"), self.values.number(SYNC_COB_ID, 0)
         allowed = COB_ID_PRODUCER | COB_ID_MASK_11
-        if value & ~allowed & ~(1 << 31) or restricted(value & COB_ID_MASK_11):
+        is_wrong = value & ~allowed & ~(1 << 31) or restricted(value & COB_ID_MASK_11)
+        if value & COB_ID_PRODUCER:
+            is_other = old & COB_ID_PRODUCER and (old ^ value) & COB_ID_MASK_11
+            is_wrong = is_wrong or is_other or SYNC_PERIOD not in self.values.layout.indices
+        if is_wrong:
             raise SdoAbort(AbortCode.VALUE_INVALID)
-        if old & value & COB_ID_PRODUCER and (old ^ value) & COB_ID_MASK_11:
-            raise SdoAbort(AbortCode.VALUE_INVALID)
-        if value & COB_ID_PRODUCER and SYNC_PERIOD not in self.values.layout.indices:
-            raise SdoAbort(AbortCode.VALUE_INVALID)  # this device cannot produce it
 
     def _check_overflow(self, sub: int, data: bytes) -> None:
         """CiA 301, 7.5.2.22: 0 or 2 to 240, and only while no period runs."""
