@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import canopen
@@ -16,7 +16,7 @@ from skinbus.node.context import Context, Handler
 from skinbus.node.dictionary import WriteHook
 from skinbus.node.emcy import EmcyService
 from skinbus.node.heartbeat import HeartbeatProducer
-from skinbus.node.heartbeat_consumer import HeartbeatConsumer, Watched
+from skinbus.node.heartbeat_consumer import HeartbeatConsumer
 from skinbus.node.layout import ImageLayout
 from skinbus.node.lss import UNCONFIGURED, LssSlave
 from skinbus.node.nmt import SERVICES, TRANSITIONS, Service, command_for
@@ -151,11 +151,6 @@ class Device(Core):
     @on_write.setter
     def on_write(self, hook: WriteHook | None) -> None:
         self._context.dictionary.on_write = hook
-
-    @property
-    def watched(self) -> Mapping[int, Watched]:
-        """The nodes that 0x1016 names, and what is known of each."""
-        return self._consumer.nodes
 
     @property
     def runs_freely(self) -> bool:
