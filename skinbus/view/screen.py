@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Final
 
 import numpy as np
-from rich.console import Group
+from rich.console import Console, Group
+from rich.live import Live
 from rich.text import Text
 
 from skinbus.model import Arm
@@ -13,12 +17,14 @@ from skinbus.skin.cycle import Cycle
 from skinbus.view.table import contact_table
 from skinbus.view.unrolled import Unrolled
 
+REFRESH_S: Final = 0.1
+"""A screen follows ten times a second: what eyes can."""
 BELOW: Final = 6
 """Lines beside the picture: the head, some contacts, and the one with the cursor."""
 
 
 class Screen:
-    """Draws one cycle; ten times a second is enough for the eye."""
+    """Draws one cycle."""
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
@@ -48,3 +54,23 @@ class Screen:
             names = ", ".join(map(self._arm.node_label, np.flatnonzero(lost).tolist()))
             parts.append(Text(f"lost boards: {names}", style="red", no_wrap=True, overflow="ellipsis"))
         return Group(*parts, contact_table(cycle.contacts))
+
+
+@contextmanager
+def live_screen(
+    console: Console, arm: Arm, *, is_wanted: bool = True
+) -> Iterator[Callable[[Cycle | None], None]]:
+    """Yield what shows a cycle, at the pace of the eye; without a terminal it does nothing."""
+    if not (is_wanted and console.is_terminal):
+        yield lambda cycle: None
+        return
+    screen, next_s = Screen(arm), 0.0
+
+    def show(cycle: Cycle | None) -> None:
+        nonlocal next_s
+        if (now_s := time.monotonic()) >= next_s:
+            next_s = now_s + REFRESH_S
+            live.update(screen.render(cycle, *console.size), refresh=True)
+
+    with Live(console=console, auto_refresh=False) as live:
+        yield show

@@ -6,18 +6,18 @@ import secrets
 import sys
 import time
 from collections import deque
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import click
-from rich.live import Live
 
 from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes_by_bus
-from skinbus.cli.host import REFRESH_S, Host, compiling
+from skinbus.cli.host import Host, compiling
 from skinbus.cli.notify import Notifier
 from skinbus.cli.options import (
     Range,
@@ -42,7 +42,7 @@ from skinbus.skin.cycle import Cycle
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.opened import refuse_other_master
 from skinbus.skin.shared_memory import SharedWriter
-from skinbus.view.screen import Screen
+from skinbus.view.screen import REFRESH_S, live_screen
 
 REMEMBERED: Final = 100_000
 """Cycles whose compute times the summary is made of, the last of a long run."""
@@ -128,11 +128,8 @@ def command(
         if compiler:
             run.say(f"contacts of level {available} until {level} is compiled")
             allow_when_compiled(run.master, level, compiler)
-        if quiet or not console.is_terminal:
-            host.wait(seconds, then=run.save)
-        else:
-            with Live(console=console, auto_refresh=False) as live:
-                host.wait(seconds, REFRESH_S, partial(run.show, Screen(loaded), live))
+        with live_screen(console, loaded, is_wanted=not quiet) as show:
+            host.wait(seconds, REFRESH_S, partial(run.follow, show))
         run.notifier.stopping()
     run.notifier.close()
     if run.master.gave_way:
@@ -152,7 +149,7 @@ class Run:
         self.notifier = Notifier()
         self.maker = CycleMaker(arm)
         self.writer: SharedWriter | None = None
-        self._arm, self._console = arm, console
+        self._arm = arm
         self._newest: Cycle | None = None
         self._computes: deque[int] = deque(maxlen=REMEMBERED)
         self._keepers: tuple[Keeper, ...] = ()
@@ -192,9 +189,9 @@ class Run:
         for keeper in self._keepers:
             keeper.write(at_end=at_end)
 
-    def show(self, screen: Screen, live: Live) -> None:
-        """Show the newest cycle."""
-        live.update(screen.render(self._newest, *self._console.size), refresh=True)
+    def follow(self, show: Callable[[Cycle | None], None]) -> None:
+        """Show the newest cycle, and write what is to be kept."""
+        show(self._newest)
         self.save()
 
     def print_end(self, *, any_received: bool) -> int:
