@@ -119,3 +119,5 @@ log_channels_option = click.option(
 seconds_option = click.option(
     "--seconds", type=Range(min=0.0, min_open=True), help="Stop after this time, s."
 )
+
+zero_option = click.option("--zero", is_flag=True, help="Take the first readings of each patch as its zero.")

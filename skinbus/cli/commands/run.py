@@ -26,6 +26,7 @@ from skinbus.cli.options import (
     file_option,
     level_option,
     seconds_option,
+    zero_option,
 )
 from skinbus.cli.output import echo
 from skinbus.cli.state_keeper import Keeper, keep_health, keep_state
@@ -59,7 +60,7 @@ RECENT_NS: Final = 1_000_000_000
     type=Range(min=0.0),
     help="Most time for the estimator in a cycle, us (default: what the cycle leaves).",
 )
-@click.option("--zero", is_flag=True, help="Take the first readings of each patch as its zero.")
+@zero_option
 @click.option("--share", metavar="NAME", help="Write each cycle to shared memory, for `skinbus.attach`.")
 @click.option("--quiet", is_flag=True, help="No live screen: events only, for a log.")
 @file_option(

@@ -103,7 +103,7 @@ GOOD = {"bittiming": {"bitrate": 1_000_000}, "state": "ERROR-ACTIVE", "restart_m
 )
 def test_controller_findings_have_advice_where_something_is_wrong(data, fd, advised):
     place = BusAddress("socketcan", "can0", 1_000_000, fd)
-    found = [finding for finding in check_controller(place, GOOD | data) if finding.advice]
+    found = [finding for finding in check_controller(place, GOOD | data) if finding.is_wrong]
     assert [finding.check for finding in found] == advised
     assert all(not fd or "dbitrate 5000000 fd on" in finding.advice for finding in found)
 
