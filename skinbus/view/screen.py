@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import Final
 
 import numpy as np
-from rich.console import Console, Group
+import rich.console
 from rich.live import Live
 from rich.text import Text
 
@@ -30,10 +30,10 @@ class Screen:
         self._arm = arm
         self._drawn: dict[int, Unrolled] = {}
 
-    def render(self, cycle: Cycle | None, width: int = 80, height: int = 24) -> Group:
+    def render(self, cycle: Cycle | None, width: int = 80, height: int = 24) -> rich.console.Group:
         """Return the screen of a terminal of this size, without the picture where there is no room for it."""
         if cycle is None:
-            return Group(Text("waiting for the first cycle ...", style="yellow"))
+            return rich.console.Group(Text("waiting for the first cycle ...", style="yellow"))
         lost = cycle.patch_records["last_fresh_ns"] < cycle.t_ns
         head = Text(
             f"{self._arm.name}  SYNC {cycle.counter:3d}  patches {(~lost).sum()}/{len(lost)}  "
@@ -53,12 +53,12 @@ class Screen:
         elif lost.any():
             names = ", ".join(map(self._arm.node_label, np.flatnonzero(lost).tolist()))
             parts.append(Text(f"lost boards: {names}", style="red", no_wrap=True, overflow="ellipsis"))
-        return Group(*parts, contact_table(cycle.contacts))
+        return rich.console.Group(*parts, contact_table(cycle.contacts))
 
 
 @contextmanager
 def live_screen(
-    console: Console, arm: Arm, *, is_wanted: bool = True
+    console: rich.console.Console, arm: Arm, *, is_wanted: bool = True
 ) -> Iterator[Callable[[Cycle | None], None]]:
     """Yield what shows a cycle, at the pace of the eye; without a terminal it does nothing."""
     if not (is_wanted and console.is_terminal):
