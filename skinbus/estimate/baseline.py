@@ -48,17 +48,22 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.arrays import Bools, Floats
-from skinbus.estimate.kernels.layout import limit_of, step_of
 from skinbus.estimate.kernels.workspace import FREE, HELD, TOUCHED
 from skinbus.estimate.validation import check_arm, check_time
 from skinbus.model import Arm
 
 Touches = npt.NDArray[np.int8]
 
+MOST: Final = 1e9
+"""What is read further from 0 counts as this, Pa: beyond the full scale of any board."""
 STEP_MOST_S: Final = 1.0
 """A longer gap counts as this: nothing is learned from time in which nothing was read."""
 ADJOINING: Final = 10e-3
 """Patches whose corners may be this close adjoin, m: the reach of a contact's skirt."""
+TAU_S: Final = 30.0
+"""Time constant of following, s: long against a touch, short against warming up."""
+SETTLE_S: Final = 1.0
+"""Time from a release until zeros are followed again, s: creep of the cover is over for the most part."""
 DRIFT_S: Final = 60.0
 """The declared drift is the standard deviation of the change of a zero in this time, s."""
 FORGET_S: Final = 10.0
@@ -80,6 +85,7 @@ NOISE_S: Final = 10.0
 YOUNG_CYCLES: Final = 50
 """Readings in which the noise of a tactel is measured, if it is free itself, whatever touches its patch: else
 one that is noisy would touch again and again before its noise is known."""
+
 SECOND_DIFFERENCE: Final = 6.0
 """Variance of p[t] - 2 p[t-1] + p[t-2], in variances of white noise; of a touch that grows evenly it is 0."""
 
@@ -108,8 +114,6 @@ supply."""
 CREEP: Final = 0.05
 """Standard deviation of what a cover still shows of a press that has gone, of the press: soft silicones creep
 by 2 to 10 % (doi 10.1089/soro.2015.0002)."""
-CREEP_FULL_SCALE: Final = 4.0
-"""What presses at full scale may be so much more: as far as places of contacts beside a tactel are tried."""
 CREEP_RISE_S: Final = 1.0
 """What creeps at once is there after a press of so long, s; ..."""
 CREEP_FALL_S: Final = 20.0
@@ -127,8 +131,6 @@ class Felt(NamedTuple):
     """(n_tactels,) Pa^2, of the noise."""
     doubt: Floats
     """(n_tactels,) Pa^2, of the zero."""
-    common: Floats
-    """(n_patches,) Pa^2, of what the zeros of a board have in common."""
     out: Bools
     """(n_tactels,) out of the zero band: what is read there is no pressure."""
     creep: Floats
@@ -146,31 +148,22 @@ class KeptZeros(NamedTuple):
     zeroed: Bools
     touched: Bools
     pressed: Floats
-    common: Floats
 
 
 class Baseline:
     """Subtracts the zeros from the pressures of an arm.
 
-    ``tau_s``     time constant of following, s: long against a touch, short against warming up
-    ``settle_s``  time from release to following again, s
-
     Columns whose names begin with an underscore are of tactels, (n_tactels,), or of patches, (n_patches,).
     """
 
-    def __init__(self, arm: Arm, *, tau_s: float = 30.0, settle_s: float = 1.0) -> None:
+    def __init__(self, arm: Arm) -> None:
         check_arm(arm)
-        if not (tau_s > 0.0 and settle_s >= 0.0):
-            raise ValueError(f"wanted tau_s > 0, settle_s >= 0; got {tau_s}, {settle_s}")
         self.arm = arm
-        self._tau, self._settle = tau_s, settle_s
         self._last_ns: int | None = None
         n, p = arm.n_tactels, arm.n_patches
         self._patch, self._first = np.asarray(arm.tactel_patch), np.asarray(arm.patch_start[:-1])
         self._near, self._healthy = _near(arm), np.array(arm.tactel_healthy)
-        self._full, self._touch = limit_of(arm), np.array(arm.tactel_threshold)
-        # beyond any count: what is read further from 0 counts as this
-        self._most = np.maximum(self._full, 0.0) + 2.0 * (1.0 + np.abs(arm.tactel_offset)) * step_of(arm)
+        self._touch = np.array(arm.tactel_threshold)
         self._ratio = np.clip(arm.tactel_release / np.maximum(self._touch, 1e-9), 0.0, 1.0)
         # a board that declares no noise: no division, no threshold of 0
         self._declared2 = np.maximum(arm.tactel_noise, 1e-3) ** 2
@@ -187,7 +180,6 @@ class Baseline:
             variance=self._declared2.copy(),
             # no zero yet: one that is further off than the threshold looks like a touch
             doubt=(self._touch / 3.0) ** 2,
-            common=np.zeros(p),
             out=np.zeros(n, np.bool_),
             creep=np.zeros(n),
         )
@@ -211,7 +203,7 @@ class Baseline:
         dt = 0.0 if self._last_ns is None else 1e-9 * (t_ns - self._last_ns)
         self._last_ns, dt = t_ns, min(max(dt, 0.0), STEP_MOST_S)
         seen = flags[self._patch] & self._healthy & np.isfinite(pressures)
-        value = np.clip(np.where(seen, pressures, self._last), -self._most, self._most)
+        value = np.clip(np.where(seen, pressures, self._last), -MOST, MOST)
         second = value - 2.0 * self._last + self._earlier
         self._earlier, self._last = np.where(seen, self._last, self._earlier), value
         new = seen & (self._n_free == 0)
@@ -228,11 +220,7 @@ class Baseline:
             self._learned_n += learns
             self._learn(at, dt)
         self._measure_noise(free, second, dt)
-        watched = self._by_patch(at & self._zeroed) > 0
         w.doubt[:] += self._drift * dt * ~(at | waits[self._patch])
-        # each tactel is observed: there is nothing that only the board as a whole has
-        common = w.common + COMMON**2 * self._drift[self._first] * dt * ~waits
-        w.common[:] = np.where(watched, 0.0, common)
         pressures -= w.zero
 
     def _begin(self, new: Bools) -> None:
@@ -267,7 +255,7 @@ class Baseline:
             self._learned_n[spoilt] = 0
             again = spoilt[self._patch] & unsure
             w.zero[again], w.doubt[again] = self._centre[again], ((self._touch / 3.0) ** 2)[again]
-        now = np.maximum(above, 0.0) * np.where(self._last >= self._full, CREEP_FULL_SCALE, 1.0)
+        now = np.maximum(above, 0.0)
         more = np.where(seen, now - self._pressed, 0.0)
         rise, fall = -math.expm1(-dt / CREEP_RISE_S), -math.expm1(-dt / CREEP_FALL_S)
         self._pressed += np.where(more > 0.0, rise, fall) * more
@@ -282,7 +270,7 @@ class Baseline:
         self._quiet_s = np.where(touched, 0.0, self._quiet_s + dt * fresh)
         self._quiet_s[lost] = np.inf
         # what is left may be touched in every other cycle
-        resting = self._quiet_s + 0.5 * dt <= self._settle
+        resting = self._quiet_s + 0.5 * dt <= SETTLE_S
         self._calm_n *= resting
         if resting.any():
             gain = 1.0 / (1.0 + self._calm_n[patch])
@@ -294,19 +282,19 @@ class Baseline:
             new = released[patch] & seen
             w.zero[new], w.doubt[new] = self._level[new], (w.variance * gain)[new]
             w.touched[released[patch]] = FREE
-            w.common[released], self._quiet_s[released] = 0.0, np.inf
+            self._quiet_s[released] = np.inf
         quiet_s = np.where(self._near, self._quiet_s, np.inf).min(axis=1)
         free = fresh & (quiet_s > 0.0)
-        learns = free & (dt > 0.0) & (quiet_s + 0.5 * dt > self._settle)
+        learns = free & (dt > 0.0) & (quiet_s + 0.5 * dt > SETTLE_S)
         return learns, free & ~learns
 
     def _is_drift(self, seen: Bools, gain: Floats) -> Bools:
         """Return whether drift explains the levels of patches: together, and each tactel."""
         w, left = self.felt, self._level - self.felt.zero
         variance = w.doubt + gain * w.variance
-        known = (seen & (w.touched == FREE)) / variance
-        free = 1.0 + w.common * self._by_patch(known)
-        shift, unsure = w.common * self._by_patch(known * left) / free, w.common / free
+        known, common = (seen & (w.touched == FREE)) / variance, self.common
+        free = 1.0 + common * self._by_patch(known)
+        shift, unsure = common * self._by_patch(known * left) / free, common / free
         most2 = EXPLAINED**2 * (variance + unsure[self._patch])
         explained = self._zeroed & ((left - shift[self._patch]) ** 2 <= most2)
         explained &= np.abs(self._level - self._centre) <= self._band
@@ -314,7 +302,7 @@ class Baseline:
 
     def _learn(self, at: Bools, dt: float) -> None:
         """Follow the zeros of free tactels."""
-        w, slowest, e = self.felt, min(dt / self._tau, 1.0), self._last - self.felt.zero
+        w, slowest, e = self.felt, min(dt / TAU_S, 1.0), self._last - self.felt.zero
         # what a cover still shows of a press, or springs below, is noise that lasts
         noise2 = w.variance + w.creep**2
         most = CLIP * np.sqrt(noise2 + w.doubt)
@@ -327,12 +315,11 @@ class Baseline:
             w.zero[falls] = np.maximum(self._last, self._centre - self._band)[falls]
             w.doubt[falls] = np.minimum(e**2, (LOW_MOST * self._touch) ** 2)[falls]
             self._low_n[falls] = 0
-        gain = w.doubt / (w.doubt + noise2)
-        gain = np.minimum(gain, np.maximum(1.0 / np.maximum(self._n_free, 1), min(MOST_GAIN, dt / GAIN_S)))
-        gain = np.maximum(gain, slowest)
-        zero = w.zero + gain * np.clip(e, -most, most) - self._centre
+        quickest = np.maximum(1.0 / np.maximum(self._n_free, 1), min(MOST_GAIN, dt / GAIN_S))
+        gain = np.clip(w.doubt / (w.doubt + noise2), slowest, np.maximum(quickest, slowest))
+        zero = w.zero + gain * np.clip(e, -most, most)
         doubt = np.maximum((1.0 - gain) ** 2 * w.doubt + gain**2 * noise2, slowest * noise2)
-        np.copyto(w.zero, self._centre + np.clip(zero, -self._band, self._band), where=ok)
+        np.copyto(w.zero, np.clip(zero, self._centre - self._band, self._centre + self._band), where=ok)
         np.copyto(w.doubt, doubt, where=ok)
         self._zeroed |= ok & (self._learned_n[self._patch] >= _cycles(dt))
 
@@ -363,57 +350,50 @@ class Baseline:
         w, p = self.felt, slice(None) if patch is None else slice(patch, patch + 1)
         i = slice(None) if patch is None else self.arm.tactels_of(patch)
         read = np.isfinite(self._last[i])
-        for column in (w.zero, self._centre):
-            column[i] = np.where(read, self._last[i], column[i])
+        w.zero[i] = self._centre[i] = np.where(read, self._last[i], self._centre[i])
         w.doubt[i] = np.maximum(w.variance[i], w.doubt[i])
         self._n_free[i] = read
-        self._zeroed[i] = w.out[i] = False
-        self._pressed[i] = w.creep[i] = self._low_n[i] = self._run[i] = w.touched[i] = 0
+        for column in (self._zeroed, w.out, self._pressed, w.creep, self._low_n, self._run, w.touched):
+            column[i] = 0
         self._quiet_s[p], self._learned_n[p] = np.inf, 0
 
     def kept(self) -> KeptZeros:
         """Return what a restart must not lose."""
         w = self.felt
-        return KeptZeros(
-            zero=w.zero.copy(),
-            doubt=w.doubt.copy(),
-            centre=self._centre.copy(),
-            variance=w.variance.copy(),
-            zeroed=self._zeroed.copy(),
-            touched=self.touched,
-            pressed=self._pressed.copy(),
-            common=w.common.copy(),
+        columns: tuple[Any, ...] = (
+            *(w.zero, w.doubt, self._centre, w.variance),
+            *(self._zeroed, self.touched, self._pressed),
         )
+        return KeptZeros(*(column.copy() for column in columns))
 
     def resume(self, patch: int, kept: KeptZeros, age_s: float) -> int:
         """Take up the zeros of one patch, ``age_s`` old; return of how many tactels.
 
-        kept: of this patch alone: columns of its tactels, ``common`` of shape (1,).
+        kept: of this patch alone.
 
         Their variances have grown with the declared drift. A tactel without a zero begins as at power-on, and
         so does one whose zero may have drifted on its own by its threshold since. What the board has drifted
         in common its free tactels show.
         """
-        w, i = self.felt, self.arm.tactels_of(patch)
-        grown, most = self._drift[i] * age_s, self._most[i]
-        taken = kept.zeroed & self._healthy[i] & (EXPLAINED**2 * grown <= self._touch[i] ** 2)
-        news: list[tuple[npt.NDArray[Any], Any]] = [
-            (w.zero, np.clip(kept.zero, -most, most)),
-            (self._centre, np.clip(kept.centre, -most, most)),
-            (w.doubt, kept.doubt + grown),
-            (w.variance, np.maximum(kept.variance, NOISE_LEAST**2 * self._declared2[i])),
-            (w.touched, np.where(kept.touched, HELD, FREE)),
-            (self._zeroed, True),
-            (self._n_free, 10**6),
-        ]
-        for column, new in news:
-            column[i] = np.where(taken, new, column[i])
-        self._pressed[i] = kept.pressed * math.exp(-age_s / CREEP_FALL_S)
-        if taken.any():
-            w.common[patch] = kept.common[0] + COMMON**2 * self._drift[i][0] * age_s
-        if (kept.touched & taken).any():
+        w, here = self.felt, self.arm.tactels_of(patch)
+        grown = self._drift[here] * age_s
+        taken = kept.zeroed & self._healthy[here] & (EXPLAINED**2 * grown <= self._touch[here] ** 2)
+        i, own = np.arange(here.start, here.stop)[taken], KeptZeros(*(column[taken] for column in kept))
+        w.zero[i], self._centre[i] = np.clip((own.zero, own.centre), -MOST, MOST)
+        w.doubt[i] = own.doubt + grown[taken]
+        w.variance[i] = np.maximum(own.variance, NOISE_LEAST**2 * self._declared2[i])
+        w.touched[i] = np.where(own.touched, HELD, FREE)
+        self._zeroed[i], self._n_free[i] = True, 10**6
+        self._pressed[here] = kept.pressed * math.exp(-age_s / CREEP_FALL_S)
+        if own.touched.any():
             self._quiet_s[patch] = 0.0
-        return int(taken.sum())
+        return len(i)
+
+    @property
+    def common(self) -> Floats:
+        """(n_patches,) Pa^2, of what the zeros of a board have in common: the surest one may have drifted."""
+        doubt = np.where(self._zeroed | ~self._healthy, self.felt.doubt, 0.0)
+        return np.asarray(COMMON**2 * np.minimum.reduceat(doubt, self._first))
 
     @property
     def zeros(self) -> Floats:

@@ -174,7 +174,7 @@ class LoadMeter:
         if baseline is not None:
             felt = baseline.felt
             variance = np.maximum(variance, felt.variance + felt.doubt)
-            limit, common, creep = limit - felt.zero, felt.common, felt.creep
+            limit, common, creep = limit - felt.zero, baseline.common, felt.creep
         full = read & counts & (value >= limit) & (limit > 0.0)
         missing = np.flatnonzero(counts & ~read)
         if len(missing):

@@ -85,7 +85,6 @@ class Memory:
             patches[name] = {
                 "board": self._prints[p],
                 **columns,
-                "common_variance_Pa2": float(zeros.common[p]),
                 "faults": snapshot["faults"][here].tolist(),
             }
         identity, number = snapshot["last"]
@@ -140,12 +139,11 @@ class Memory:
         n = self._arm.patches[p].patch.n_tactels
         least = dict.fromkeys(SIGNED, -MAX_NUMBER)
         found = {name: numbers_in(kept.get(key), n, least.get(key, 0.0)) for key, name in COLUMNS.items()}
-        common = numbers_in([kept.get("common_variance_Pa2")], 1, 0.0)
         whole = {name: column for name, column in found.items() if column is not None}
-        if common is None or len(whole) < len(found):
+        if len(whole) < len(found):
             return None
         flags = {name: whole[name] != 0.0 for name in ("zeroed", "touched")}
-        return KeptZeros(**{**whole, **flags}, common=common)
+        return KeptZeros(**{**whole, **flags})
 
     def _track(self, row: dict[str, Any]) -> KeptTrack | None:
         """Return a contact, None if there is no such patch, or a number is none."""

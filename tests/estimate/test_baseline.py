@@ -34,8 +34,8 @@ def press(s, a, force):
 class Skin:
     """A baseline and the readings it gets, by default noise of 200 Pa every 20 ms."""
 
-    def __init__(self, seed=3, **settings):
-        self.baseline = Baseline(ARM, **settings)
+    def __init__(self, seed=3):
+        self.baseline = Baseline(ARM)
         self.rng = np.random.default_rng(seed)
         self.t_ns = 0
 
@@ -278,12 +278,6 @@ def test_drift_makes_no_false_touch(n_cycles):
         skin.baseline.apply(out, skin.t_ns)
         touched += skin.baseline.touched.any()
     assert touched == 0
-
-
-def test_settings_out_of_range_are_refused():
-    for settings in ({"tau_s": 0.0}, {"settle_s": -1.0}):
-        with pytest.raises(ValueError, match="wanted"):
-            Baseline(ARM, **settings)
 
 
 @pytest.mark.parametrize("period_ns", [pytest.param(2_000_000, marks=pytest.mark.slow), 20_000_000])
