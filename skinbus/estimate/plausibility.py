@@ -8,10 +8,9 @@ Rail:      at the lower end of the converter, and missing at once; alone at a pr
 Frozen:    not a bit changes, for a time in which it would have changed at the rate it did while free, if
            its noise is more than about half a step of its converter
 Dead:      reads less than a tenth of the least that it should have felt in two touches in a row, in two
-           places: every contact that explains its neighbours by the law of the board would press it. Readings
-           are averaged while a touch stays where it is
-Jumping:   it leaves and comes back within three cycles while its neighbours do not change at all, five times
-           in five seconds
+           places: every contact that explains its neighbours by the law of the board would press it. In each
+           cycle of a touch one of the silent tactels is looked at
+Jumping:   it begins to read alone what no contact explains, five times in five seconds
 Band:      below its zero band, or its zero has left it (``Baseline``)
 
 Readings that come again bit by bit, although the noise of the tactel shows in others, are not those of a new
@@ -21,7 +20,7 @@ rate of change.
 
 Two contacts may look like one to the neighbours of a tactel, so one touch that it has not felt proves
 nothing, however often it comes; any reading of a pressure proves that it lives. A tactel comes back when it
-has been plausible for a second, a dead one when it has felt something for ten readings.
+has been plausible for a second, a dead one as soon as it feels something.
 
 Failure mode: a touch that no other tactel feels, such as one beyond a corner, says nothing of the corner; a
 board whose readings never change has no rate of change, and is never frozen; lone means lone on a board: what
@@ -33,7 +32,7 @@ from __future__ import annotations
 
 import math
 from enum import IntFlag
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -71,6 +70,8 @@ RETURN_S: Final = 1.0
 """A tactel that has been plausible for so long is used again, s."""
 
 # --- Rails and jumps -------------------------------------------------------------------------------
+BOTTOM: Final = 0.95
+"""Of full scale below zero: no healthy tactel reads so little."""
 RAIL_S, RAIL_READINGS = 0.2, 5
 """At a rail for so long, and so many readings: within half a second at 10 Hz and more, and no bit error."""
 LEAST_FULL: Final = 4
@@ -79,18 +80,16 @@ CRUSHED: Final = 0.5
 """Of full scale: a supply that fails comes from below it at once."""
 JUMP_SHARE: Final = 0.5
 """Of full scale: what comes there by more, and alone, is stuck."""
-JUMP_CYCLES: Final = 3
-"""Cycles in which a jump comes back."""
 JUMPS, JUMPS_S = 5.0, 5.0
 """So many within so long, s: a bit error now and then is not a fault of the tactel."""
 MOST_JUMPS: Final = 7.0
 """Jumps that are counted: a tactel that has ceased to jump is plausible four seconds later."""
 JUMP_SIGMAS: Final = 12.0
 """A jump, in standard deviations of noise, and at least the touch threshold: twice what is a touch."""
-UNMOVED, MOVED = 4.0, 2.5
-"""Change of a reading beside a jump, and of all beside it together, in standard deviations of noise, that
-is none. A tip of 2 mm with 1 N in the middle of a tactel changes the four beside it by 2 each."""
-LONE: Final = 0.4
+UNMOVED: Final = 2.5
+"""Root mean square of the changes of readings beside a jump, in standard deviations of noise, that is none. A
+tip of 2 mm with 1 N in the middle of a tactel changes the four beside it by 2 each."""
+LONE: Final = 0.2
 """Of what the narrowest contact gives the neighbours of a tactel they read at least this part: gains differ
 by 10 %, and the skirt of a tip of 2 mm is half of what the law, made so narrow, says."""
 LONE_SURE: Final = 3.0
@@ -113,8 +112,6 @@ REPEAT_CHANCE: Final = math.log(1e-9)
 CHANCE: Final = 2.0 * math.log(1e-15)
 """Of one run of readings to call a healthy tactel frozen: 400 tactels at 1 kHz have 10^13 runs in a year. It
 counts twice: a pressed reading may lie in the middle of a step, where it changes less often."""
-FREEZE_LEAST: Final = 20
-"""Readings: no shorter run is frozen."""
 
 # --- Dead tactels ----------------------------------------------------------------------------------
 REACH, NEXT = 2.3, 1.5
@@ -129,67 +126,54 @@ IN_LINE: Final = 0.25
 STEP: Final = 2.0 * SPAN / (PLACES - 1)
 LIGHT_N: Final = 1.0
 """Force by whose law a reading is judged beside others, N."""
-WIDE, NARROW = 0, 1
-WIDTHS: Final = (0.92, 0.8)
-"""Of a contact, part of that of the law: that of a tip of 2 mm is 0.8. By the wide one a tactel should have
-felt something, by the narrow one it reads alone."""
-CLEAR: Final = 8.0
+WIDTH: Final = 0.92
+"""Of the narrowest contact, a tip of 2 mm, part of that of the law."""
+CLEAR: Final = 5.0
 """Standard deviations of noise: a prediction below proves nothing by its absence."""
 LIKELY, MISFIT, TOLERANCE = 6.0, 1.0, 0.1
 """chi^2 within which another place explains the neighbours too; chi^2 of each neighbour beyond which none
 does; the law's error, part of the peak."""
-WINDOW, LEAST_WINDOW = 8, 4
-"""Cycles that are averaged, at most, and at least: a tap of 0.1 s at 50 Hz has so many."""
-STEADY, STEADY_SIGMAS = 0.25, 6.0
-"""A touch stays where it is while no reading changes by more than this part of the highest, and noise."""
-LEAST_NOISE: Final = 0.35
-"""Of a mean, part of the noise of one reading: zeros are not known better."""
 EVIDENT_TOUCHES, ELSEWHERE = 2, 0.35
 """Touches in a row that a dead tactel should have felt, and pitches from the first: that may be two contacts
 that look like one, and press the same place again and again."""
-DEAD_SHARE, SURE = 0.1, 4.0
+DEAD_SHARE, SURE = 0.1, 2.0
 """A dead tactel reads less than this part of the least it should have, by so many standard deviations: beside
 a tip of 2 mm, for which the law is too wide, a healthy one may read a tenth."""
-FEELS, BACK_READINGS = 5.0, 10
-"""Standard deviations of a mean from which a tactel feels something; readings of it after which a dead one
-is none."""
+FEELS: Final = 6.0
+"""Standard deviations from which a tactel feels something, and half of its threshold: it is not dead."""
 
 TACTEL: Final = record(
     {
-        "f8": "high low sigma touch quiet value change felt cycles changes before jumps good_s level"
-        " due shown",
-        "i8": "first last still rail_n lone_n jump_age touches felt_n first_cell",
+        "f8": "high low sigma touch quiet value change felt cycles changes jumps good_s due shown",
+        "i8": "first last still rail_n lone_n touches first_cell",
         "b1": "healthy is_old was_old evident",
         "u1": "fault",
     }
 )
 """high, low    Pa, full scale and the lower end
 sigma, touch Pa, noise with the rounding of the counts; threshold
-quiet        log of the largest chance of a reading to come again, by the declared noise
 first, last  range of its neighbours
+quiet        log of the largest chance of a reading to come again, by the declared noise
 value        Pa, the newest reading; its change since the one before; what is felt of it, less the zero
 still        readings in a row without change; is_old: too unlikely to be new; was_old: some of this run was
 cycles, changes while free
-rail_n, lone_n readings in a row at a rail or alone; alone at full scale
-before       Pa, the reading before a jump; jump_age: cycles since it; jumps: of late
+rail_n, lone_n readings in a row at a rail or alone; alone
+jumps        times that it began to be alone, of late
 good_s       since it was implausible last
-level        Pa, mean of what is felt in a touch that stays where it is
 evident      it should have felt something in this touch; touches: in a row of which it felt nothing
-due, shown   sums over means, in noise: of the square of what it should have read at least; times what it read
+due, shown   sums in noise: of the square of what it should have read at least; times what it read
 first_cell   place of the first touch that it should have felt
-felt_n       readings of a pressure since
 """
 BOARD: Final = record(
     {
-        "i8": "start stop own_row window_n turn n_faulty",
+        "i8": "start stop own_row turn n_faulty",
         "f8": "quiet_s",
         "b1": "is_full is_crushed is_repeated is_withheld",
     }
 )
 """start, stop  range of its tactels
 own_row      row of ``law`` of a tactel itself
-window_n     cycles in the means of the tactels
-turn         the next tactel to look at
+turn         the tactel that was looked at last
 quiet_s      since the board was touched
 is_full      all readings are at full scale, and came there at once; is_crushed: half were near it before
 is_repeated  its readings are too unlikely to be new; is_withheld: that, or full
@@ -199,35 +183,45 @@ BESIDE: Final = record({"i8": "tactel row line", "b1": "is_next"})
 in line with the tactel along v (1), along u (2) or not (0)."""
 
 
+class _Skin(NamedTuple):
+    """What judges the tactels of an arm knows of them."""
+
+    tactels: Rows
+    boards: Rows
+    beside: Rows
+    law: Singles
+    """(rows, places) part of its peak that a tactel or a neighbour feels of a light contact at a place."""
+    scratch: Floats
+
+
 class Plausibility:
     """Judges the readings of an arm, cycle by cycle."""
 
     def __init__(self, arm: Arm) -> None:
         check_arm(arm)
         self.arm = arm
-        self._last_ns: int | None = None
-        self._tactels, self._boards = _tactels(arm), np.zeros(arm.n_patches, BOARD)
-        self._boards["start"], self._boards["stop"] = arm.patch_start[:-1], arm.patch_start[1:]
-        self._beside, self._law = _neighbours(arm, self._tactels, self._boards)
-        self._scratch = np.zeros((2, PLACES**2))
-        self.faults: npt.NDArray[np.uint8] = self._tactels["fault"]
+        tactels, boards = _tactels(arm), np.zeros(arm.n_patches, BOARD)
+        boards["start"], boards["stop"] = arm.patch_start[:-1], arm.patch_start[1:]
+        self._skin = _Skin(tactels, boards, *_neighbours(arm, tactels, boards), np.zeros((2, PLACES**2)))
+        self.faults: npt.NDArray[np.uint8] = tactels["fault"]
         """(n_tactels,) :class:`TactelFault` bits, live."""
-        self.is_withheld: Bools = self._boards["is_withheld"]
+        self.is_withheld: Bools = boards["is_withheld"]
         """(n_patches,) whether the newest readings are of an earlier sample, or all at full scale, live."""
-        self.is_repeated: Bools = self._boards["is_repeated"]
+        self.is_repeated: Bools = boards["is_repeated"]
         """(n_patches,) whether all readings of this cycle have come again and are withheld for it, live."""
-        self.n_faulty: Ints = self._boards["n_faulty"]
+        self.n_faulty: Ints = boards["n_faulty"]
         """(n_patches,) tactels that have any, live."""
-        self._judge(
-            np.zeros(arm.n_tactels), np.zeros(arm.n_patches, np.bool_), Baseline(arm), 0.0
-        )  # compiled now
+        self._last_ns: int | None = None
+        none = np.zeros(arm.n_patches, np.bool_)
+        self.judge(np.zeros(arm.n_tactels), 0, none, Baseline(arm))  # compiled now
+        self._last_ns = None
 
     def resume(self, patch: int, faults: Ints) -> None:
         """Begin with the faults (n_tactels of the patch,) that were found before; they heal as any others.
 
         What is out of its band the baseline finds anew.
         """
-        t = self._tactels[self.arm.tactels_of(patch)]
+        t = self._skin.tactels[self.arm.tactels_of(patch)]
         t["fault"] = np.where(t["healthy"], faults & JUDGED, 0)
         self.n_faulty[patch] = np.count_nonzero(t["fault"])
 
@@ -240,82 +234,61 @@ class Plausibility:
         fresh:     (n_patches,) False where readings are missing.
         baseline:  as the last cycle has left it.
         """
-        t_ns = check_time(t_ns)
-        dt = 0.0 if self._last_ns is None else min(max(1e-9 * (t_ns - self._last_ns), 0.0), 1.0)
-        self._last_ns = t_ns
-        self._judge(pressures, fresh, baseline, dt)
-
-    def _judge(self, pressures: Floats, fresh: Bools, baseline: Baseline, dt: float) -> None:
-        felt, own = baseline.felt, (self._tactels, self._boards, self._beside, self._law, self._scratch)
-        _judge(*own, pressures, felt.zero, felt.touched, felt.out, fresh, dt)
+        now_ns = check_time(t_ns)
+        dt = min(max(1e-9 * (now_ns - self._last_ns), 0.0), 1.0) if self._last_ns is not None else 0.0
+        self._last_ns, felt = now_ns, baseline.felt
+        _judge(self._skin, pressures, felt.zero, felt.touched, felt.out, fresh, dt)
 
 
 def _tactels(arm: Arm) -> Rows:
     """Return the tactels of an arm before their first reading."""
     tactels, step = np.zeros(arm.n_tactels, TACTEL), step_of(arm)
-    lowest, of_count = np.array(
-        [(-1.0 - t.full_counts, t.step) for t in (placed.patch.transducer for placed in arm.patches)]
-    )[arm.tactel_patch].T
+    tactels["healthy"], tactels["high"], tactels["touch"] = (
+        arm.tactel_healthy,
+        limit_of(arm),
+        arm.tactel_threshold,
+    )
+    tactels["low"] = -BOTTOM * tactels["high"]
+    tactels["sigma"] = np.maximum(np.sqrt(arm.tactel_noise**2 + step**2 / 12.0), 1e-3)
     # the mean in the middle of a step
     most = erf(step / (np.sqrt(8.0) * np.maximum(arm.tactel_noise, 1e-300)))
-    columns = {
-        "healthy": arm.tactel_healthy,
-        "high": limit_of(arm),
-        "low": (lowest - arm.tactel_offset) * of_count * np.abs(arm.tactel_gain) + 0.5 * step,
-        "sigma": np.maximum(np.sqrt(arm.tactel_noise**2 + step**2 / 12.0), 1e-3),
-        "touch": arm.tactel_threshold,
-        "quiet": np.log(np.where(step > 0.0, most, 1.0)),
-        "jump_age": JUMP_CYCLES + 1,
-    }
-    for name, column in columns.items():
-        tactels[name] = column
+    tactels["quiet"] = np.log(np.where(step > 0.0, most, 1.0))
     return tactels
 
 
 def _neighbours(arm: Arm, tactels: Rows, boards: Rows) -> tuple[Rows, Singles]:
-    """Return the neighbours of tactels and ``law``, (rows, 2, places); boards of one kind share rows.
+    """Return the neighbours of tactels and ``law``, (rows, places); boards of one law share rows.
 
-    It is the part of its peak that a tactel or a neighbour feels of a contact at a place, wide or narrow.
+    It is the part of its peak that a tactel or a neighbour feels of a light contact at a place; of a cone,
+    the narrowest it makes.
     """
     axis = np.linspace(-SPAN, SPAN, PLACES)
-    places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    first_row: dict[bytes, int] = {}
-    laws: list[Singles] = []
-    beside: list[Rows] = []
+    places = (axis + 1j * axis[:, None]).ravel()
+    rows: dict[tuple[Law, float, complex], int] = {}
+    beside: list[tuple[int, int, int, bool]] = []
     for p, placed in enumerate(arm.patches):
-        uv, pitch, here = placed.patch.tactels_uv, placed.patch.pitch, arm.tactels_of(p)
-        d = np.linalg.norm(uv[:, None] - uv, axis=-1)
-        i, j = np.nonzero((d > 0.0) & (d <= REACH * pitch))
-        steps, step_row = np.unique(np.round((uv[j] - uv[i]) / pitch, 6), axis=0, return_inverse=True)
-        off = np.linalg.norm(np.concatenate([np.zeros((1, 2)), steps])[:, None] - places, axis=-1)
-        law = np.stack([_part_of_peak(placed.patch.law, pitch * off / width) for width in WIDTHS], axis=1)
-        n_rows = sum(map(len, laws))
-        own = first_row.setdefault(law.tobytes(), n_rows)
-        if own == n_rows:
-            laws.append(law)
-        rows = np.zeros(len(i), BESIDE)
-        rows["tactel"], rows["row"] = here.start + j, own + 1 + step_row
-        rows["is_next"] = d[i, j] < NEXT * pitch
-        rows["line"] = (np.abs(uv[j] - uv[i]) < IN_LINE * pitch) @ (1, 2)
-        boards["own_row"][p] = own
-        ends = sum(map(len, beside)) + np.searchsorted(i, np.arange(len(uv) + 1))
-        tactels["first"][here], tactels["last"][here] = ends[:-1], ends[1:]
-        beside.append(rows)
-    return np.concatenate(beside), np.concatenate(laws)
-
-
-def _part_of_peak(law: Law, d: Floats) -> Singles:
-    """Return what is left of the peak of a light touch at distances, m: of a cone, the narrowest it makes."""
-    return np.asarray(law.pressure(d, LIGHT_N) / law.pressure(np.zeros(1), LIGHT_N), np.float32)
+        law, pitch, start = placed.patch.law, placed.patch.pitch, arm.patch_start[p]
+        at = placed.patch.tactels_uv @ (1.0, 1j) / pitch
+        for i, own in enumerate(at):
+            tactels["first"][start + i] = len(beside)
+            for j in np.flatnonzero(np.abs(at - own) <= REACH).tolist():
+                step = complex(np.round(at[j] - own, 6))
+                row = rows.setdefault((law, pitch, step), len(rows))
+                line = (abs(step.real) < IN_LINE) + 2 * (abs(step.imag) < IN_LINE)
+                if j != i:
+                    beside.append((start + j, row, line, abs(step) < NEXT))
+            tactels["last"][start + i] = len(beside)
+        boards["own_row"][p] = rows[law, pitch, 0j]
+    peaks = [
+        law.pressure(pitch * np.abs(np.append(places - step, 0.0)) / WIDTH, LIGHT_N)
+        for law, pitch, step in rows
+    ]
+    return np.array(beside, BESIDE), np.array([peak[:-1] / peak[-1] for peak in peaks], np.float32)
 
 
 @kernel
 def _judge(
-    tactels: Rows,
-    boards: Rows,
-    beside: Rows,
-    law: Singles,
-    scratch: Floats,
+    skin: _Skin,
     pressures: Floats,
     zero: Floats,
     touched: npt.NDArray[np.int8],
@@ -324,36 +297,38 @@ def _judge(
     dt: float,
 ) -> None:
     """Run one cycle."""
-    for p in range(len(boards)):
-        b = boards[p]
+    for p in range(len(skin.boards)):
+        b = skin.boards[p]
         b.is_withheld = b.is_repeated = False
         if not fresh[p]:
             continue
         is_touched = False
         for i in range(b.start, b.stop):
-            t = tactels[i]
+            t = skin.tactels[i]
             t.change, t.value, t.felt = pressures[i] - t.value, pressures[i], pressures[i] - zero[i]
             is_touched |= touched[i] != 0
-        _compare(tactels, b)
+        _compare(skin, b)
         b.quiet_s = 0.0 if is_touched else b.quiet_s + dt
         if b.quiet_s > RAIL_S:
-            _end_touch(tactels, b)
+            _end_touch(skin, b)
         is_touched &= not b.is_full
         for i in range(b.start, b.stop):
-            t = tactels[i]
+            t = skin.tactels[i]
             if t.healthy and math.isfinite(t.value):
-                bad = _rail(tactels, b, beside, law, t, dt)
+                bad = _rail(skin, b, t, dt)
                 is_free = touched[i] == 0 and abs(t.felt) < 3.0 * t.sigma
-                bad |= _changes(tactels, b, beside, t, is_free, dt)
+                bad |= _changes(b, t, is_free)
                 t.good_s = 0.0 if bad != 0 else t.good_s + dt
                 held = t.fault & (JUDGED if t.good_s < RETURN_S else DEAD)
                 t.fault = held | bad | (BAND if out[i] else 0)
-                if is_touched and t.felt >= 6.0 * t.sigma and t.felt >= 0.5 * t.touch:
-                    _note_life(t, 1)
-        _watch_touch(tactels, b, beside, law, scratch, is_touched)
+                if is_touched and t.felt >= FEELS * t.sigma and t.felt >= 0.5 * t.touch:
+                    t.evident, t.touches, t.due, t.shown = False, 0, 0.0, 0.0
+                    t.fault &= JUDGED ^ DEAD | BAND
+        if is_touched:
+            _watch_touch(skin, b)
         b.n_faulty = 0
         for i in range(b.start, b.stop):
-            t = tactels[i]
+            t = skin.tactels[i]
             b.n_faulty += t.fault != 0
             # the baseline watches for a return to the band; what is not named yet is not used either
             if t.fault & JUDGED != 0 or (t.fault == 0 and (t.is_old or t.rail_n > 0)):
@@ -361,7 +336,7 @@ def _judge(
 
 
 @inner_kernel
-def _compare(tactels: Rows, b: Any) -> None:
+def _compare(skin: _Skin, b: Any) -> None:
     """Compare the readings of a board with those before, and with full scale.
 
     Repetitions of tactels that follow each other count together: those of a PDO come again together.
@@ -369,7 +344,7 @@ def _compare(tactels: Rows, b: Any) -> None:
     n, n_same, n_hard, n_full = 0, 0, 0, 0
     begin, run, chance = b.start, 0.0, 0.0
     for i in range(b.start, b.stop):
-        t, own = tactels[i], 0.0
+        t, own = skin.tactels[i], 0.0
         t.is_old &= t.change == 0.0
         if t.healthy and math.isfinite(t.value):
             n += 1
@@ -385,7 +360,7 @@ def _compare(tactels: Rows, b: Any) -> None:
             begin, run = i + 1, 0.0
         elif run + math.log(b.stop - b.start) * (i > begin) < SUSPECT:
             for j in range(begin, i + 1):
-                tactels[j].is_old = True
+                skin.tactels[j].is_old = True
     is_full = n_full == n >= LEAST_FULL  # its supply fails, or force has brought it there
     if not is_full:
         b.is_crushed = 2 * n_hard >= n > 0
@@ -404,35 +379,40 @@ def _log_same(t: Any) -> float:
 
 
 @inner_kernel
-def _rail(tactels: Rows, b: Any, beside: Rows, law: Singles, t: Any, dt: float) -> int:
-    """Return whether a tactel is at a rail, or reads alone what no contact explains."""
-    is_at_top, is_lone = t.value >= t.high, False
+def _rail(skin: _Skin, b: Any, t: Any, dt: float) -> int:
+    """Return whether a tactel is at a rail, or reads alone what no contact explains, again and again."""
+    is_at_top, is_lone, before = t.value >= t.high, False, t.lone_n
     if not b.is_full:
-        if is_at_top and t.change >= JUMP_SHARE * t.high and _jumps_alone(tactels, beside, t):
+        if is_at_top and t.change >= JUMP_SHARE * t.high and _jumps_alone(skin, t):
             t.lone_n = RAIL_READINGS  # whatever touches beside it later
         # what came to full scale alone is stuck until it leaves it
-        is_lone = (is_at_top and t.lone_n >= RAIL_READINGS) or _is_alone(tactels, b, beside, law, t)
-    t.lone_n = t.lone_n + 1 if is_at_top and is_lone else 0
+        is_lone = (is_at_top and t.lone_n >= RAIL_READINGS) or _is_alone(skin, b, t)
+    t.lone_n = t.lone_n + 1 if is_lone else 0
+    t.jumps -= t.jumps * min(dt / JUMPS_S, 1.0)
+    if is_lone and before == 0:
+        t.jumps = min(t.jumps + 1.0, MOST_JUMPS)
     t.rail_n = t.rail_n + 1 if is_lone or t.value <= t.low or b.is_full else 0
-    return RAIL if t.rail_n >= RAIL_READINGS and t.rail_n * dt >= RAIL_S else 0
+    bad = RAIL if t.rail_n >= RAIL_READINGS and t.rail_n * dt >= RAIL_S else 0
+    return bad | JUMPING if t.jumps >= JUMPS - 1.0 else bad
 
 
 @inner_kernel
-def _is_alone(tactels: Rows, b: Any, beside: Rows, law: Singles, t: Any) -> bool:
+def _is_alone(skin: _Skin, b: Any, t: Any) -> bool:
     """Return whether a tactel reads what no contact around explains: its neighbours would read more."""
     if t.felt < max(t.touch, JUMP_SIGMAS * t.sigma):
         return False
-    n_cells = law.shape[2]
+    n_cells = skin.law.shape[1]
     for k in range(n_cells):
         cell = (n_cells // 2 + k) % n_cells  # from the middle on: that explains most
-        peak = t.felt / max(law[b.own_row, NARROW, cell], 1e-9)
+        peak = t.felt / max(skin.law[b.own_row, cell], 1e-9)
         if peak > BEYOND * t.high:
             continue
         less, square, n = 0.0, 0.0, 0
         for e in range(t.first, t.last):
-            other = tactels[beside[e].tactel]
+            near = skin.beside[e]
+            other = skin.tactels[near.tactel]
             if other.fault == 0 and math.isfinite(other.value):
-                due = peak * law[beside[e].row, NARROW, cell]
+                due = peak * skin.law[near.row, cell]
                 # what is more than the law may be of another contact, and makes up for no other neighbour
                 less += due * (LONE * due - min(max(other.felt, 0.0), due))
                 square += (due * other.sigma) ** 2
@@ -443,152 +423,112 @@ def _is_alone(tactels: Rows, b: Any, beside: Rows, law: Singles, t: Any) -> bool
 
 
 @inner_kernel
-def _jumps_alone(tactels: Rows, beside: Rows, t: Any) -> bool:
-    """Return whether the nearest neighbours of a tactel stay as they were while it changes, by ``change``.
+def _jumps_alone(skin: _Skin, t: Any) -> bool:
+    """Return whether the nearest neighbours of a tactel stay as they were while it changes.
 
-    A tap changes them too, each or all together, however narrow and short it is.
+    A tap changes them too, however narrow and short it is.
     """
-    n, total, square = 0, 0.0, 0.0
+    n, square, variance = 0, 0.0, 0.0
     for e in range(t.first, t.last):
-        other = tactels[beside[e].tactel]
-        if other.fault == 0 and beside[e].is_next and math.isfinite(other.change):
+        near = skin.beside[e]
+        other = skin.tactels[near.tactel]
+        if other.fault == 0 and near.is_next and math.isfinite(other.change):
             n += 1
-            variance = 2.0 * other.sigma * other.sigma
-            total += other.change if t.change > 0.0 else -other.change
-            square += variance
-            if other.change * other.change >= UNMOVED * UNMOVED * variance:
-                return False
-    return n >= 2 and total < MOVED * math.sqrt(square)
+            square += other.change * other.change
+            variance += 2.0 * other.sigma * other.sigma
+    return n >= 2 and square < UNMOVED * UNMOVED * variance
 
 
 @inner_kernel
-def _changes(tactels: Rows, b: Any, beside: Rows, t: Any, is_free: bool, dt: float) -> int:
-    """Return whether a tactel is frozen or jumps; learn how often a free one repeats."""
-    bad, change = 0, abs(t.change)
-    if change == 0.0:
-        if t.still >= FREEZE_LEAST and t.still * _log_same(t) < CHANCE:
-            bad = FROZEN
+def _changes(b: Any, t: Any, is_free: bool) -> int:
+    """Return whether a tactel is frozen; learn how often a free one repeats."""
+    if t.change == 0.0:
         t.was_old |= t.is_old or b.is_repeated or not t.low < t.value < t.high
-    else:
-        # a run counts when it is over, and if all of it was new: a frozen one does not change the rate
-        if is_free and not t.was_old:
-            keep = 0.5 if t.cycles > FORGET_CYCLES else 1.0
-            t.cycles = keep * (t.cycles + t.still + 1.0)
-            t.changes = keep * (t.changes + 1.0)
-        t.still = 0
-        t.was_old = False
-    t.jump_age += 1
-    t.jumps -= t.jumps * min(dt / JUMPS_S, 1.0)
-    if change > max(t.touch, JUMP_SIGMAS * t.sigma):
-        if t.jump_age <= JUMP_CYCLES and abs(t.value - t.before) < 0.25 * change:
-            t.jumps = min(t.jumps + 1.0, MOST_JUMPS)
-            t.jump_age = JUMP_CYCLES
-        elif _jumps_alone(tactels, beside, t):
-            t.jump_age = 0
-        t.before = t.value - t.change
-    return bad | JUMPING if t.jumps >= JUMPS - 1.0 else bad
+        return FROZEN if t.still * _log_same(t) < CHANCE else 0
+    # a run counts when it is over, and if all of it was new: a frozen one does not change the rate
+    if is_free and not t.was_old:
+        keep = 0.5 if t.cycles > FORGET_CYCLES else 1.0
+        t.cycles = keep * (t.cycles + t.still + 1.0)
+        t.changes = keep * (t.changes + 1.0)
+    t.still = 0
+    t.was_old = False
+    return 0
 
 
 @inner_kernel
-def _watch_touch(
-    tactels: Rows, b: Any, beside: Rows, law: Singles, scratch: Floats, is_touched: bool
-) -> None:
-    """Average the readings of a board while a touch stays where it is; look at one of its silent tactels."""
-    if is_touched:
-        top, is_steady = 0.0, True
-        for i in range(b.start, b.stop):
-            top = max(top, tactels[i].felt)
-        for i in range(b.start, b.stop):
-            t = tactels[i]
-            is_steady &= not abs(t.felt - t.level) > STEADY * top + STEADY_SIGMAS * t.sigma
-        if not is_steady or b.turn >= b.stop:
-            b.window_n, b.turn = 0, b.start
-        if b.window_n < WINDOW:
-            b.window_n += 1
-            for i in range(b.start, b.stop):
-                t = tactels[i]
-                felt = t.felt if t.value < t.high else math.nan
-                t.level = felt if b.window_n == 1 else t.level + (felt - t.level) / b.window_n
-    if b.window_n < (WINDOW if is_touched else LEAST_WINDOW):
-        return
-    shrink = max(1.0 / math.sqrt(b.window_n), LEAST_NOISE)
-    while b.turn < b.stop:
-        t = tactels[b.turn]
-        b.turn += 1
-        if t.healthy and t.level >= FEELS * shrink * t.sigma:
-            _note_life(t, b.window_n)
-        elif t.healthy and math.isfinite(t.level) and _is_due(tactels, b, beside, law, scratch, t, shrink):
-            return  # one that is looked at in a cycle
+def _watch_touch(skin: _Skin, b: Any) -> None:
+    """Look at one of the silent tactels of a touched board."""
+    for _ in range(b.stop - b.start):
+        b.turn = b.turn + 1 if b.start <= b.turn < b.stop - 1 else b.start
+        t = skin.tactels[b.turn]
+        if t.healthy and math.isfinite(t.value) and t.felt < FEELS * t.sigma and _is_due(skin, b, t):
+            return
 
 
 @inner_kernel
-def _is_due(
-    tactels: Rows, b: Any, beside: Rows, law: Singles, scratch: Floats, t: Any, shrink: float
-) -> bool:
+def _is_due(skin: _Skin, b: Any, t: Any) -> bool:
     """Note what a silent tactel should have read; return False if too little is felt beside it."""
-    n_felt, sigma = 0, shrink * t.sigma
+    n_felt = 0
     for e in range(t.first, t.last):
-        other = tactels[beside[e].tactel]
-        n_felt += beside[e].is_next and other.level >= CLEAR * shrink * other.sigma
+        near = skin.beside[e]
+        other = skin.tactels[near.tactel]
+        n_felt += near.is_next and other.felt >= CLEAR * other.sigma
     if n_felt < 2:
         return False
     least, place = 0.0, 0
     for dead in range(3):  # a line is dead with its wire
         if least == 0.0:
-            least, place = _least_felt(tactels, b, beside, law, scratch, t, sigma, dead)
+            least, place = _least_felt(skin, b, t, dead)
     if t.touches == 0 and not t.evident:
         t.first_cell = place
     u = place % PLACES - t.first_cell % PLACES
     v = place // PLACES - t.first_cell // PLACES
     # the first touch that it has not felt may be two contacts that look like one, and come again and again
     is_elsewhere = STEP * math.sqrt(u * u + v * v) >= ELSEWHERE or t.touches == 0
-    if least > CLEAR * sigma and is_elsewhere:
+    if least > CLEAR * t.sigma and is_elsewhere:
         least /= t.sigma
-        t.due += b.window_n * least * least
-        t.shown += b.window_n * least * t.level / t.sigma
+        t.due += least * least
+        t.shown += least * t.felt / t.sigma
         t.evident = True
-        t.felt_n = 0
     return True
 
 
 @inner_kernel
-def _least_felt(
-    tactels: Rows, b: Any, beside: Rows, law: Singles, scratch: Floats, t: Any, sigma: float, dead: int
-) -> tuple[float, int]:
-    """Return the least mean (Pa) of a tactel under one contact that explains its neighbours, and its place.
+def _least_felt(skin: _Skin, b: Any, t: Any, dead: int) -> tuple[float, int]:
+    """Return the least (Pa) that a tactel reads under a contact that explains its neighbours, and its place.
 
-    sigma: of the noise of means, Pa.
-    dead:  the ``line`` whose tactels count as missing where they read nothing
+    dead: the ``line`` whose tactels count as missing where they read nothing
 
     Of the places of a contact those with a chi^2 of at most LIKELY more than the best explain the neighbours,
     if that of the best is at most MISFIT each. 0 if none does, or the board reads more elsewhere.
     """
     n, top, square = 0, 0.0, 0.0
-    up, down, n_cells = scratch[0], scratch[1], law.shape[2]
+    up, down, n_cells = skin.scratch[0], skin.scratch[1], skin.law.shape[1]
     for cell in range(n_cells):
         up[cell] = down[cell] = 0.0
     for e in range(t.first, t.last):
-        other, row = tactels[beside[e].tactel], beside[e].row
-        is_lost = dead & beside[e].line != 0 and other.level < CLEAR * sigma
-        if other.fault == 0 and math.isfinite(other.level) and not is_lost:
+        near = skin.beside[e]
+        other, row = skin.tactels[near.tactel], near.row
+        is_lost = dead & near.line != 0 and other.felt < CLEAR * t.sigma
+        if other.fault == 0 and other.value < other.high and not is_lost:
             n += 1
-            top = max(top, other.level)
-            square += other.level * other.level
+            top = max(top, other.felt)
+            square += other.felt * other.felt
             for cell in range(n_cells):
-                part = law[row, WIDE, cell]
-                up[cell] += part * other.level
+                part = skin.law[row, cell]
+                up[cell] += part * other.felt
                 down[cell] += part * part
     for i in range(b.start, b.stop):
-        if n < 4 or (tactels[i].fault == 0 and tactels[i].level > top):
+        if n < 4 or (skin.tactels[i].fault == 0 and skin.tactels[i].felt > top):
             return 0.0, 0
     best, place = math.inf, 0
     for cell in range(n_cells):
         amplitude = up[cell] / down[cell] if down[cell] > 0.0 else 0.0
         up[cell] = square - amplitude * up[cell] if amplitude <= BEYOND * t.high else math.inf
-        down[cell] = amplitude * law[b.own_row, WIDE, cell]
+        down[cell] = amplitude * skin.law[b.own_row, cell]
         if up[cell] < best:
             best, place = up[cell], cell
-    unit = sigma**2 + (TOLERANCE * top) ** 2
+    unit = t.sigma**2 + (TOLERANCE * top) ** 2
     least = math.inf if best <= MISFIT * n * unit else 0.0
     for cell in range(n_cells):
         if up[cell] <= best + LIKELY * unit:
@@ -597,22 +537,10 @@ def _least_felt(
 
 
 @inner_kernel
-def _note_life(t: Any, n: int) -> None:
-    """Note that a tactel felt something in n readings."""
-    t.evident = False
-    t.due = t.shown = 0.0
-    t.felt_n += n
-    if t.fault & DEAD == 0 or t.felt_n >= BACK_READINGS:
-        t.touches = 0
-        t.fault &= JUDGED ^ DEAD | BAND
-
-
-@inner_kernel
-def _end_touch(tactels: Rows, b: Any) -> None:
+def _end_touch(skin: _Skin, b: Any) -> None:
     """Name the tactels of a board that read too little of what they should have in some touches."""
-    b.window_n, b.turn = 0, b.start
     for i in range(b.start, b.stop):
-        t = tactels[i]
+        t = skin.tactels[i]
         if t.evident:
             t.evident = False
             t.touches += 1
