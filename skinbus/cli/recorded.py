@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TextIO
 
 import numpy as np
 import numpy.typing as npt
@@ -55,7 +55,7 @@ class Recorded(Replayed):
 
     def __init__(
         self,
-        log: str | Path,
+        log: str | Path | TextIO,
         arm: Arm,
         channels: Sequence[str],
         console: Console,

@@ -6,9 +6,12 @@ import hashlib
 import re
 from functools import cache
 from pathlib import Path
+from typing import Final
 
-PACKAGE = Path(__file__).resolve().parents[1]
-IMPORTS = re.compile(r"^[ \t]*(?:from|import) (skinbus[\w.]*)(?: import (\([^)]*\)|[^\n]*))?", re.MULTILINE)
+PACKAGE: Final = Path(__file__).resolve().parents[1]
+IMPORTS: Final = re.compile(
+    r"^[ \t]*(?:from|import) (skinbus[\w.]*)(?: import (\([^)]*\)|[^\n]*))?", re.MULTILINE
+)
 
 
 @cache

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
-
-from skinbus.arrays import Floats
+import numpy.typing as npt
 
 LEAST, MOST = 1e-30, 1e30
 """Of pressures, slopes and profiles in SI units."""
 LEAST_LENGTH, MOST_LENGTH = 1e-12, 1e9
 """m"""
-SIZE = (LEAST, MOST)
-ANY = (-MOST, MOST)
-LENGTH = (LEAST_LENGTH, MOST_LENGTH)
+SIZE: Final = (LEAST, MOST)
+ANY: Final = (-MOST, MOST)
+LENGTH: Final = (LEAST_LENGTH, MOST_LENGTH)
 
 
-def check_numbers(name: str, values: Any, limits: tuple[float, float]) -> Floats:
+def check_numbers(name: str, values: Any, limits: tuple[float, float]) -> npt.NDArray[np.float64]:
     """Return numbers as an array.
 
     Raises:

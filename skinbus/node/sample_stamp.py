@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import canopen
 
 from skinbus.node.context import Context
 from skinbus.node.layout import key_of
 from skinbus.objects.cia import ERROR_REGISTER
-from skinbus.objects.profile import SAMPLE_COUNTER, SAMPLE_STATUS, SampleStatus, has, index_of
+from skinbus.objects.profile import SAMPLE_COUNTER, SAMPLE_STATUS, SampleStatus, index_of
 
 
 class SampleStamp:
@@ -16,7 +18,7 @@ class SampleStamp:
     def __init__(self, context: Context) -> None:
         self.values = context.values
         table = context.values.layout
-        self._at = [
+        self._at: Final = [
             table.entries[key_of(*index_of(table.od, name))].offset
             for name in (SAMPLE_COUNTER, SAMPLE_STATUS)
         ]
@@ -24,7 +26,7 @@ class SampleStamp:
     @staticmethod
     def fits(od: canopen.ObjectDictionary) -> bool:
         """Return whether a dictionary has the objects."""
-        return has(od, SAMPLE_COUNTER)
+        return SAMPLE_COUNTER.object in od.names
 
     def write(self, counter: int, status: SampleStatus) -> None:
         """Stamp the sample of a SYNC; one that is older is of no SYNC, its counter is 0."""

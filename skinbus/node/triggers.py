@@ -7,15 +7,16 @@ no delta selected, when it moved at all. Limits and deltas are counts of the inp
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.arrays import Bools, Ints
-from skinbus.node.context import Context, Part
+from skinbus.node.context import Context
+from skinbus.node.dictionary import Dictionary
 from skinbus.node.layout import key_of
-from skinbus.node.tpdo import Tpdo, TpdoService
+from skinbus.node.tpdo import Tpdo
 from skinbus.objects.cia import (
     ANALOGUE_DELTA,
     ANALOGUE_INTERRUPT_ENABLE,
@@ -34,12 +35,21 @@ OBJECTS = (
 _NO_LIMIT = np.int64(2**62)
 
 
-class AnalogueTriggers(Part):
+class AnalogueTriggers:
     """Watches the inputs that event-driven and acyclic TPDOs carry, in one vectorised comparison."""
 
-    def __init__(self, context: Context, tpdos: TpdoService) -> None:
-        super().__init__(context)
-        self.layout, self.tpdos = self.dictionary.layout, tpdos
+    def __init__(
+        self,
+        context: Context,
+        dictionary: Dictionary,
+        pdos: dict[int, Tpdo],
+        request: Callable[[int], bool],
+    ) -> None:
+        self.context = context
+        self.layout = dictionary.layout
+        self.values = context.values
+        self.pdos = pdos
+        self.request = request
         self.active = False
         """Whether ``poll`` can find anything."""
         self.index = next((i for i in READINGS if i in self.layout.indices), 0)
@@ -47,9 +57,9 @@ class AnalogueTriggers(Part):
         self._inputs: npt.NDArray[Any] = self.values.view(self.index, 1, self.n) if self.n else np.zeros(0)
         self._sent = np.zeros(self.n, np.int64)
         self._known = np.zeros(self.n, np.bool_)
-        self._channels: dict[int, Bools] = {}
+        self._channels: dict[int, npt.NDArray[np.bool_]] = {}
         for index in OBJECTS:
-            self.dictionary.watchers[index] = lambda sub: self.configure()
+            dictionary.watchers[index] = lambda sub: self.configure()
 
     def enter(self, state: NmtState) -> None:
         """With OPERATIONAL everything is news again."""
@@ -59,7 +69,7 @@ class AnalogueTriggers(Part):
     def configure(self) -> None:
         """Take over triggers, limits and PDOs."""
         self._channels = {}
-        for pdo in self.tpdos.pdos.values():
+        for pdo in self.pdos.values():
             if pdo.map.valid and not pdo.cyclic:
                 mask = np.zeros(self.n, np.bool_)
                 for slot in pdo.map.entries:
@@ -86,7 +96,7 @@ class AnalogueTriggers(Part):
         if worth.any():
             for number, mask in self._channels.items():
                 if (worth & mask).any():
-                    self.tpdos.request(number)
+                    self.request(number)
 
     def sent(self, pdo: Tpdo) -> None:
         """Keep what a TPDO has carried."""
@@ -95,7 +105,7 @@ class AnalogueTriggers(Part):
             self._sent[mask] = self._inputs[mask]
             self._known |= mask
 
-    def _column(self, index: int) -> Ints:
+    def _column(self, index: int) -> npt.NDArray[np.int64]:
         """Values of an array object, one for each input; zero where it has none."""
         subs = range(1, self.n + 1)
         has = self.layout.entries.keys()

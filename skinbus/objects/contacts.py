@@ -14,22 +14,21 @@ Standard deviations in one byte are rounded up: 255 is "that or more", or not kn
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.arrays import Bytes, Floats
-
-PAYLOAD = np.dtype([("id", "u1"), ("link_state", "u1"), ("s", "<i2"), ("a", "<i2"), ("force", "<u2")])
+PAYLOAD: Final = np.dtype([("id", "u1"), ("link_state", "u1"), ("s", "<i2"), ("a", "<i2"), ("force", "<u2")])
 """Layout of the 8 bytes."""
 
-LENGTH_STEP = 1e-4
+LENGTH_STEP: Final = 1e-4
 """Metres per count of s and a."""
-FORCE_STEP = 1e-2
+FORCE_STEP: Final = 1e-2
 """Newtons per count of force."""
-FORCE_SD_STEP = 5e-2
+FORCE_SD_STEP: Final = 5e-2
 """Newtons per count of the standard deviation of a force; that of a place is in ``LENGTH_STEP``."""
-MAX_LINKS = 16
+MAX_LINKS: Final = 16
 """Links that the low nibble can distinguish."""
 
 
@@ -52,7 +51,7 @@ def pack_contacts(
     s: npt.ArrayLike,
     a: npt.ArrayLike,
     force: npt.ArrayLike,
-) -> Bytes:
+) -> npt.NDArray[np.uint8]:
     """Return the payloads of contacts, (n, 8) uint8.
 
     Args:
@@ -72,7 +71,7 @@ def pack_contacts(
     return records.view(np.uint8).reshape(-1, PAYLOAD.itemsize)
 
 
-def pack_deviations(covariance: npt.ArrayLike) -> tuple[Bytes, Bytes]:
+def pack_deviations(covariance: npt.ArrayLike) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
     """Return the standard deviations of place (its longer axis, 0.1 mm) and force (0.05 N), (n,) each.
 
     Args:
@@ -87,6 +86,6 @@ def pack_deviations(covariance: npt.ArrayLike) -> tuple[Bytes, Bytes]:
     return place, force
 
 
-def _saturate(values: npt.ArrayLike, step: float, low: int, high: int) -> Floats:
+def _saturate(values: npt.ArrayLike, step: float, low: int, high: int) -> npt.NDArray[np.float64]:
     counts = np.nan_to_num(np.asarray(values, np.float64) / step, nan=0.0, posinf=high, neginf=low)
     return np.clip(np.rint(counts), low, high)

@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +30,7 @@ from skinbus.model.robot import RobotSettings
 from skinbus.printable import shown_value
 from skinbus.robot.chain import Chain
 
-KEPT = 64
+KEPT: Final = 64
 """Positions of a joint: those of a loop of 1 kHz that have come since a SYNC of 20 Hz, and two before."""
 
 

@@ -7,6 +7,7 @@ import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -21,13 +22,13 @@ from skinbus.skin.robot_here import RobotHere
 from skinbus.skin.shared_memory import SharedReader
 from skinbus.skin.skin import Skin
 
-LOOKS = 20
+LOOKS: Final = 20
 """Looks in a period of one who waits for the next cycle: 1 ms at 50 Hz."""
 
-ATTACH_PAUSE_S = 0.02
+ATTACH_PAUSE_S: Final = 0.02
 """Between two looks for a writer: a cycle at 50 Hz."""
 
-MARGIN = 2
+MARGIN: Final = 2
 """Slots that are not counted on: the one that is written, and the next."""
 
 

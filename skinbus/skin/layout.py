@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.arrays import Floats, Ints32
+from skinbus.arrays import Floats
 from skinbus.errors import ArgumentError
 from skinbus.model import Arm
 
-_STEP = 1e-6
+_STEP: Final = 1e-6
 """m to which places are compared: far below what is felt, far above what libraries round differently."""
 
 
@@ -23,13 +24,13 @@ class SkinLayout:
     name: str
     links: tuple[str, ...]
     buses: tuple[str, ...]
-    node_id: Ints32
+    node_id: npt.NDArray[np.int32]
     """(n_patches,)"""
-    patch_bus: Ints32
+    patch_bus: npt.NDArray[np.int32]
     """(n_patches,) numbers of buses."""
-    patch_link: Ints32
+    patch_link: npt.NDArray[np.int32]
     """(n_patches,) numbers of links."""
-    patch_tactels: Ints32
+    patch_tactels: npt.NDArray[np.int32]
     """(n_patches,) numbers of tactels."""
     period_ns: int
     X_LS: Floats | None = None

@@ -21,6 +21,7 @@ from __future__ import annotations
 from ast import literal_eval
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partialmethod
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ from skinbus.can.core import NEVER, receives
 from skinbus.can.frame import RTR, Frame
 from skinbus.gateway.reader import Reader
 from skinbus.node import Device, PatchHost, Sample
+from skinbus.node.storage import MemoryStorage
 from skinbus.objects.cia import (
     HEARTBEAT_PRODUCER,
     IDENTITY,
@@ -52,23 +54,26 @@ DEVICES["master"] = ("skin-master", 127)
 To = {"pre": NmtCommand.PRE_OPERATIONAL, "op": NmtCommand.START, "stopped": NmtCommand.STOP}
 
 
-class BrokenStorage(dict):
+class BrokenStorage:
     """A memory that cannot be written."""
 
-    def __setitem__(self, group, text):
+    def load(self, group):
+        return None
+
+    def save(self, group, text):
         raise OSError("write protected")
 
-    pop = __setitem__
+    erase = partialmethod(save, "")
 
 
-class DamagedStorage(dict):
+class DamagedStorage(MemoryStorage):
     """A memory whose content has rotted."""
 
-    def get(self, group):
+    def load(self, group):
         return "skinbus parameters 1 534B4E42 00005001\n1015:00 6400\n00000000\n"
 
 
-STORAGES = {"": dict, "none": lambda: None, "broken": BrokenStorage, "damaged": DamagedStorage}
+STORAGES = {"": MemoryStorage, "none": lambda: None, "broken": BrokenStorage, "damaged": DamagedStorage}
 FLASHES = {"": lambda: bytearray(EMPTY), "none": lambda: None, "damaged": lambda: bytearray(len(EMPTY))}
 FLASHES["broken"] = FLASHES[""]
 

@@ -140,7 +140,7 @@ def judge(table: PressTable) -> Judgement:
     """Return what can be learned from presses, how good it will be, and why it must not be used if so."""
     n, shipped = len(table), errors_of(table, table.arm)
     missing, unknown = spread_faults(table)
-    said = _misplaced(table, shipped) or [*_zero_faults(table), *missing]
+    said = [*_misplaced(table, shipped)] or [*_zero_faults(table), *missing]
     out, learned, errors = _astray(table, shipped), None, None
     while errors is None:
         try:
@@ -185,46 +185,39 @@ def judge(table: PressTable) -> Judgement:
     )
 
 
-def _misplaced(table: PressTable, shipped: HeldOutErrors) -> list[str]:
-    """Return what would explain the places better than the file does.
+def _misplaced(table: PressTable, shipped: HeldOutErrors) -> Iterator[str]:
+    """Yield what would explain the places on each board better than the file does, as sentences.
 
     What the readings say by the law that the boards have is compared with what the file says under each
     hypothesis, by the median distance of the two. Outliers, up to half of the presses, do not change it.
     """
-    uv, found, (low, high) = table.uv(), np.isfinite(shipped.sd), table.hull(RIM)
+    uv, columns, (low, high) = table.uv(), _columns(table), table.hull(RIM)
     read = np.clip(uv + shipped.uv, low, high)
-
-    def explain(rows: Bools, which: str, tried: dict[str, Floats]) -> list[str]:
-        """Return the first of the places (n, 2) m that explain some presses; none if they need it not."""
-        if rows.sum() < FEWEST_COMPARED:
-            return []
-        before, *others = (
-            float(np.median(np.hypot(*(np.clip(at, low, high) - read)[rows].T)))
-            for at in (uv, *tried.values())
-        )
-        if before <= SUSPECT_M or min(others) > BETTER * before:
-            return []
-        best = next(k for k, one in enumerate(others) if one <= ABOUT_AS_WELL * min(others))
-        return [
-            f"the places{which} do not go with the readings; with {list(tried)[best]} they do: "
-            f"{1e3 * others[best]:.1f} mm between them in place of {1e3 * before:.1f} mm"
-        ]
-
-    said = explain(found, "", _columns(table))
-    for p in range(0 if said else table.arm.n_patches):
-        rows = found & (table.patch == p)
+    for p in range(table.arm.n_patches):
+        rows = np.flatnonzero(np.isfinite(shipped.sd) & (table.patch == p))
+        if len(rows) < FEWEST_COMPARED:
+            continue
+        tried = {"as said": uv[rows]} | {name: at[rows] for name, at in columns.items()}
         at, there = (np.asarray(x[rows, 0] + 1j * x[rows, 1]) for x in (uv, read))
-        moved = {}
         for name, own in (("the board", at), ("the board mirrored", at.conjugate())):
             x, y, turn = fit_pose(own, there, np.hypot(shipped.sd[rows], PLACE_SD)).values.tolist()
-            by = (
-                f"moved by {1e3 * x:.1f}, {1e3 * y:.1f} mm in u, v and turned by {math.degrees(turn):.0f} deg"
-            )
             fits = complex(x, y) + np.exp(1j * turn) * own
-            places = moved[f"{name} {by} (`skinbus calibrate locate` finds boards)"] = uv.copy()
-            places[rows] = np.stack([fits.real, fits.imag], -1)
-        said += explain(rows, f" on node {table.arm.node_label(p)}", moved)
-    return said
+            tried[
+                f"{name} moved by {1e3 * x:.1f}, {1e3 * y:.1f} mm in u, v and turned by "
+                f"{math.degrees(turn):.0f} deg (`skinbus calibrate locate` finds boards)"
+            ] = np.stack([fits.real, fits.imag], -1)
+        left = {
+            name: float(np.median(np.hypot(*(np.clip(at, low[rows], high[rows]) - read[rows]).T)))
+            for name, at in tried.items()
+        }
+        before = left.pop("as said")
+        least = min(left.values())
+        if before > SUSPECT_M and least <= BETTER * before:
+            best = next(name for name in left if left[name] <= ABOUT_AS_WELL * least)
+            yield (
+                f"the places on node {table.arm.node_label(p)} do not go with the readings; with {best} they "
+                f"do: {1e3 * left[best]:.1f} mm between them in place of {1e3 * before:.1f} mm"
+            )
 
 
 def _columns(table: PressTable) -> dict[str, Floats]:
@@ -265,8 +258,7 @@ def spread_faults(table: PressTable) -> tuple[list[str], list[str]]:
         if n_on < FEWEST_EACH:
             faults.append(f"{n_on} presses on {node} are too few; {FEWEST_EACH} are the least")
         elif bare.any():
-            names = (np.flatnonzero(bare) + 1).tolist()
-            some = ", ".join(map(str, names[:10])) + (" and others" if len(names) > 10 else "")
+            some = ", ".join(map(str, (np.flatnonzero(bare) + 1).tolist()))
             (notes if bare.sum() <= MOST_BARE * healthy.sum() else faults).append(
                 f"no reading of tactel {some} of {node} of a press within {1e3 * NEAR * table.pitch:.0f} mm: "
                 "gains there are not known, and stay as they are; dead tactels are taken out by their bits "

@@ -69,9 +69,10 @@ SAID, MOST_SD = 10.0, 3.3
 times those they become at most: presses that err by more than 1 mm are not moved to where they fit."""
 OFF_PRESS, OFF_TACTEL = 3.0, 10.0
 """Standard deviations by which presses and tactels are off at most: a press that is an outlier stays one."""
-FELT, LOUD = 0.02, 0.2
-"""Parts of the largest pressure: below the one a reading shows the noise, above the other the misfit that is
-reported."""
+FAR: Final = 0.5
+"""Part of the readings, by distance from a press, beyond which they show the noise."""
+LOUD: Final = 0.2
+"""Part of the largest pressure above which a reading shows the misfit that is reported."""
 MOST_LEVERAGE: Final = 0.9
 """Part of a reading's variance that unknowns take up, at most."""
 BINS: Final = 16
@@ -380,14 +381,8 @@ class _Fit:
         def by_bin(x: Floats) -> Floats:
             return np.bincount(at, kept * x, BINS).astype(np.float64)
 
-        # the noise is what is left of quiet readings where least is left; twice that is still scatter
-        pressed = np.abs(self.pressed)
-        quiet = kept & (pressed < FELT * pressed[kept].max())
-        quiet = quiet if quiet.sum() >= MIN_READINGS else kept
-        count = np.bincount(at, quiet, BINS)
-        mean = np.bincount(at, quiet * square, BINS) / np.maximum(count, 1.0)
-        mean[count < min(MIN_READINGS, count.max())] = np.inf
-        quiet &= (mean <= 2.0 * mean.min())[at]
+        # the readings farthest from presses show the noise
+        quiet = kept & (self.d >= np.quantile(self.d[kept], FAR))
         # a tactel's own variance, drawn to that of all by the weight of ten readings
         own, n = self.tactels.sum @ (quiet * square), self.tactels.sum @ (1.0 * quiet)
         noise2 = (own + 10.0 * float(square[quiet].mean())) / (n + 10.0)
@@ -402,6 +397,7 @@ class _Fit:
             found = np.sqrt(np.maximum(by_bin(weight * excess)[usable] / scale[usable], 0.0))
             self._misfit_profile = np.interp(np.arange(BINS), np.flatnonzero(usable), found)
         self.variance = self.noise[tactel] ** 2 + (amplitude * self._misfit_at(self.d)) ** 2
+        pressed = np.abs(self.pressed)
         loud = kept & (pressed > LOUD * pressed[kept].max())
         if loud.any():
             self.misfit = math.sqrt(max(float(np.mean(excess[loud] / pressed[loud] ** 2)), 0.0))

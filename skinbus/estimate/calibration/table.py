@@ -161,8 +161,5 @@ def mean_and_noise(cycles: Floats) -> tuple[Floats, Floats]:
 
     NaN in readings is left out; the mean of none is NaN, and so is the standard deviation of less than two.
     """
-    is_read = np.isfinite(cycles)
-    n = is_read.sum(axis=0)
-    mean = np.where(is_read, cycles, 0.0).sum(axis=0) / np.where(n > 0, n, np.nan)
-    square = np.where(is_read, cycles - mean, 0.0) ** 2
-    return mean, np.sqrt(square.sum(axis=0) / np.where(n > 1, n - 1, np.nan))
+    read = np.ma.masked_invalid(cycles)
+    return read.mean(axis=0).filled(np.nan), read.std(axis=0, ddof=1).filled(np.nan)

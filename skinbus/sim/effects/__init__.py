@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from importlib import import_module
+from typing import Final
 
 from skinbus.sim.effect import Effect
 
-MODULES = {
+MODULES: Final = {
     # when a sample is taken; where tactels are, how they respond and how loads act
     "mounting": ("sync_jitter", "misplaced", "response", "shear"),
     "readings": (
@@ -24,7 +25,7 @@ MODULES = {
         *("response_jitter", "babbling_node", "corrupt", "delay", "loss"),
     ),
 }
-ORDER = tuple(name for names in MODULES.values() for name in names)
+ORDER: Final = tuple(name for names in MODULES.values() for name in names)
 """Every effect, in the order in which physics applies those of one stage."""
 
 
