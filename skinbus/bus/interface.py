@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Sequence
-from typing import Final, Self
+from typing import Self
 
 from skinbus.can.event import Event
 from skinbus.can.frame import ERROR, FD, MAX_DATA, Frame, FrameBatch
 
-SEND_PATIENCE_S: Final = 0.1
+SEND_PATIENCE_S = 0.1
 """How long a full send queue is waited for before frames are given up; 800 frames at 1 Mbit/s."""
-RETRY_S: Final = 0.0005
+RETRY_S = 0.0005
 """Between two attempts to send: four frame times at 1 Mbit/s."""
-BAD_FRAME: Final = {errno.EINVAL, errno.EMSGSIZE}
+BAD_FRAME = {errno.EINVAL, errno.EMSGSIZE}
 """Errors of a frame that will never be sent."""
 
 

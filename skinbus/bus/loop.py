@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any
 
 from skinbus.bus.interface import Bus
 from skinbus.bus.managed_interface import ManagedInterface
@@ -24,20 +24,20 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.errors import BusError
 
-IDLE_NS: Final = 100_000_000
+IDLE_NS = 100_000_000
 """Longest sleep, after which ``stop`` is looked at."""
 
-POLL_NS: Final = 150_000
+POLL_NS = 150_000
 """Polling begins this long before a wake-up: what a sleep overshoots (median 60, p99 200 us when idle)."""
 
-NAP_NS: Final = 1_000_000
+NAP_NS = 1_000_000
 """Several interfaces of which one cannot be waited for are looked at so often."""
 
-PACED_FROM: Final = 8
+PACED_FROM = 8
 """Data frames owed beyond which the loop sleeps through some of them: waking costs more than reading."""
 
-SHORTEST_PACE_NS: Final = 100_000
-LONGEST_PACE_NS: Final = 1_000_000
+SHORTEST_PACE_NS = 100_000
+LONGEST_PACE_NS = 1_000_000
 """Such a sleep: long enough to be worth it, short enough to be no latency."""
 
 
@@ -53,20 +53,14 @@ class LoopReport:
     n_outages: int = 0
 
 
-def run_core(
-    core: Core,
-    *open_buses: Callable[[], Bus],
-    stop: threading.Event,
-    clock: Clock | None = None,
-    on_step: Callable[[Step], object] | None = None,
-    on_event: Callable[[Event], object] | None = None,
-    final_frames: Callable[[int], Sequence[Frame]] | None = None,
-    tidy: GcScheduler | None = None,
-) -> LoopReport:
-    """Run ``core`` on the buses that ``open_buses`` open until ``stop`` is set or it sends a STOP event.
+def run_core(core: Core, *open_buses: Callable[[], Bus], **options: Any) -> LoopReport:
+    """Run ``core`` on the buses that ``open_buses`` open until it is asked to stop or sends a STOP event.
 
     There is one for each bus of the core. The first opening of each must succeed (else BusError); a bus lost
-    later is opened again for as long as it takes, while the others go on.
+    later is opened again for as long as it takes, while the others go on. Options:
+
+    stop      asks it to end when it is set
+    clock     the machine's monotonic clock by default
     on_step   called after each step, in this thread: short, please
     on_event  called with each event of the core and of its interfaces
     tidy      collects garbage, while the loop would sleep
@@ -74,7 +68,7 @@ def run_core(
     """
     if len(open_buses) != core.n_buses:
         raise ValueError(f"{len(open_buses)} interfaces for a core on {core.n_buses} buses")
-    driver = _Driver(core, stop, clock or MonotonicClock(), on_step, on_event, final_frames, tidy)
+    driver = _Driver(core, **options)
     driver.lines = [
         ManagedInterface(k, core, open_bus, driver.clock, driver.take_news)
         for k, open_bus in enumerate(open_buses)
@@ -86,11 +80,11 @@ def run_core(
 class _Driver:
     core: Core
     stop: threading.Event
-    clock: Clock
-    on_step: Callable[[Step], object] | None
-    on_event: Callable[[Event], object] | None
-    final_frames: Callable[[int], Sequence[Frame]] | None
-    tidy: GcScheduler | None
+    clock: Clock = field(default_factory=MonotonicClock)
+    on_step: Callable[[Step], object] | None = None
+    on_event: Callable[[Event], object] | None = None
+    final_frames: Callable[[int], Sequence[Frame]] | None = None
+    tidy: GcScheduler | None = None
     report: LoopReport = field(default_factory=LoopReport)
     lines: Sequence[ManagedInterface] = ()
     stopping: bool = False

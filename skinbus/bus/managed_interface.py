@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Final
 
 from skinbus.bus.interface import Bus
 from skinbus.can.clock import Clock
@@ -14,8 +13,8 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.errors import BusError
 
-FIRST_PAUSE_NS: Final = 50_000_000
-LONGEST_PAUSE_NS: Final = 250_000_000
+FIRST_PAUSE_NS = 50_000_000
+LONGEST_PAUSE_NS = 250_000_000
 """Pauses between attempts to open a lost bus; contacts are back within a second of its being there."""
 
 

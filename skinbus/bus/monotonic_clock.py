@@ -5,10 +5,9 @@ from __future__ import annotations
 import ctypes
 import sys
 import time
-from typing import Final
 
-_PR_SET_TIMERSLACK: Final = 29  # linux/prctl.h
-_LOOKS: Final = 5
+_PR_SET_TIMERSLACK = 29  # linux/prctl.h
+_LOOKS = 5
 """At both clocks: a process that loses the CPU between two of them would shift all its times of day."""
 
 

@@ -15,7 +15,7 @@ import secrets
 import socket
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
 import can
 
@@ -28,23 +28,23 @@ from skinbus.can.core import receives
 from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame, FrameBatch
 from skinbus.errors import BusError
 
-DEFAULT_INTERFACE: Final = "socketcan"
-DEFAULT_CHANNELS: Final[Mapping[str, str]] = {
+DEFAULT_INTERFACE = "socketcan"
+DEFAULT_CHANNELS: Mapping[str, str] = {
     "socketcan": "can0",
     "udp_multicast": "239.74.163.2",  # python-can's IPv4 group; many containers lack IPv6, its default
     "virtual": "skinbus",
 }
 
-RECEIVE_BUFFER: Final = 4 << 20
+RECEIVE_BUFFER = 4 << 20
 """Bytes of socket buffer that are asked for: about 5000 frames, half a second of a full bus."""
 
-MAX_BATCH: Final = 2048
+MAX_BATCH = 2048
 """Frames that one ``receive`` returns at most, so that a babbling node cannot hold it."""
 
-_STALE_NS: Final = (
+_STALE_NS = (
     60_000_000_000  # a stamp this far from now is not on the Unix clock (hardware counts from power-up)
 )
-_FULL: Final = {errno.ENOBUFS, errno.EAGAIN, errno.EWOULDBLOCK, errno.EINTR, errno.ENOMEM}
+_FULL = {errno.ENOBUFS, errno.EAGAIN, errno.EWOULDBLOCK, errno.EINTR, errno.ENOMEM}
 
 # python-can logs errors besides raising them; its log is shown only where logging is configured.
 logging.getLogger("can").addHandler(logging.NullHandler())

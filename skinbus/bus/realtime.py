@@ -8,22 +8,22 @@ import os
 import time
 from collections.abc import Iterator
 from types import TracebackType
-from typing import Final, Self
+from typing import Self
 
-PRIORITY: Final = 50
+PRIORITY = 50
 """Of SCHED_FIFO: above ordinary work, level with the kernel's own interrupt threads (their default is 50)."""
 
-_MCL_ALL: Final = 1 | 2 | 4  # current and future pages, each when it is first touched (sys/mman.h)
-N_WORTH_IT: Final = 700
+_MCL_ALL = 1 | 2 | 4  # current and future pages, each when it is first touched (sys/mman.h)
+N_WORTH_IT = 700
 """Objects allocated since the last collection from which on one is worth its time (Python's default)."""
 
-N_TOO_MANY: Final = 100_000
+N_TOO_MANY = 100_000
 """Objects at which a collection is made, pause or no pause: 10 MB or so."""
 
-MARGIN_NS: Final = 1_000_000
+MARGIN_NS = 1_000_000
 """Kept free of a pause: the kernel's timer and the first frames of a cycle come when they come."""
 
-DECAY: Final = 64
+DECAY = 64
 """Pauses passed by in which the longest time of a collection falls to 1/e: a second or so of cycles."""
 
 

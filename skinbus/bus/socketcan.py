@@ -14,7 +14,6 @@ import socket
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
 
 from skinbus.bus.interface import BAD_FRAME, RETRY_S, SEND_PATIENCE_S, Bus, advice
 from skinbus.bus.monotonic_clock import MonotonicClock
@@ -34,14 +33,14 @@ from skinbus.can.event import Event
 from skinbus.can.frame import ERROR, Frame, FrameBatch
 from skinbus.errors import BusError
 
-RECEIVE_BUFFER: Final = 8 << 20
+RECEIVE_BUFFER = 8 << 20
 """Bytes of socket buffer asked for: some 10 000 frames, more than a second of a full 1 Mbit/s bus."""
 
-MAX_CONTROL: Final = 1024
-MAX_DATA_FRAMES: Final = 4096
+MAX_CONTROL = 1024
+MAX_DATA_FRAMES = 4096
 """Frames that one ``receive`` returns at most, so that a babbling node cannot hold it."""
 
-_FULL: Final = {errno.ENOBUFS, errno.EAGAIN, errno.EINTR, errno.ENOMEM}
+_FULL = {errno.ENOBUFS, errno.EAGAIN, errno.EINTR, errno.ENOMEM}
 
 
 class SocketCanBus(Bus):

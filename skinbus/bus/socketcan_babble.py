@@ -11,13 +11,12 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Final
 
 from skinbus.bus.socketcan_batch import CANFD_MTU, EFF_FLAG, EFF_MASK, ERR_FLAG, SFF_MASK, filters
 from skinbus.can.clock import Clock
 from skinbus.can.event import Event, EventKind
 
-COUNT_EVERY_NS: Final = 5_000_000
+COUNT_EVERY_NS = 5_000_000
 """Time between looks at the interface's counter, 20 us each: a loss is reported in its own cycle."""
 
 
@@ -54,26 +53,26 @@ class BacklogDrops:
             self.n = max(value - self._before, self.n)
 
 
-BUSY_HZ: Final = 500
+BUSY_HZ = 500
 """Frames a second from which the bus is listened to: half of what fills a bus of 125 kbit/s."""
 
-SHARE: Final = 0.5
+SHARE = 0.5
 """Of the frames; an SDO client and its server, the busiest pair of a sound bus, have no more than this each.
 
 A flood of requests that is answered one by one is such a pair, and not reported.
 """
 
-LOOK_EVERY_NS: Final = 250_000_000
-SAMPLE_NS: Final = 20_000_000
+LOOK_EVERY_NS = 250_000_000
+SAMPLE_NS = 20_000_000
 """Listening lasts that long: ten frames of a bus that is just busy."""
 
-N_LEAST: Final = 8
+N_LEAST = 8
 """Frames in which a share means something."""
 
-N_LOOKS: Final = 2
+N_LOOKS = 2
 """Looks in a row that must agree on who babbles, or that nobody does any more: half a second."""
 
-SAMPLE_BUFFER: Final = 16_384
+SAMPLE_BUFFER = 16_384
 """Bytes of socket buffer: some 40 frames, the kernel's book-keeping included."""
 
 

@@ -8,11 +8,12 @@ import socket
 import struct
 import time
 from collections.abc import Iterable, Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Bytes
 from skinbus.can.clock import Clock
 from skinbus.can.frame import (
     BRS,
@@ -29,26 +30,26 @@ from skinbus.can.frame import (
 )
 from skinbus.jit import kernel
 
-CAN_MTU: Final = 16
-CANFD_MTU: Final = 72
-EFF_FLAG: Final = 0x8000_0000
-RTR_FLAG: Final = 0x4000_0000
-ERR_FLAG: Final = 0x2000_0000
-SFF_MASK: Final = 0x7FF
-EFF_MASK: Final = 0x1FFF_FFFF
-MAX_FILTERS: Final = 512
+CAN_MTU = 16
+CANFD_MTU = 72
+EFF_FLAG = 0x8000_0000
+RTR_FLAG = 0x4000_0000
+ERR_FLAG = 0x2000_0000
+SFF_MASK = 0x7FF
+EFF_MASK = 0x1FFF_FFFF
+MAX_FILTERS = 512
 """CAN_RAW_FILTER_MAX: more are refused with EINVAL."""
 
-CAN_RAW_ERR_FILTER: Final = 2
-SO_RCVBUFFORCE: Final = 33
-SO_TIMESTAMPNS: Final = 35
-SO_RXQ_OVFL: Final = 40
-MSG_DONTWAIT: Final = 0x40
+CAN_RAW_ERR_FILTER = 2
+SO_RCVBUFFORCE = 33
+SO_TIMESTAMPNS = 35
+SO_RXQ_OVFL = 40
+MSG_DONTWAIT = 0x40
 
-CONTROL_BYTES: Final = 64
+CONTROL_BYTES = 64
 """Room for one time stamp (32) and one drop counter (24), always in this order (sock_recv_cmsgs)."""
 
-MESSAGE_DTYPE: Final = np.dtype(
+MESSAGE_DTYPE = np.dtype(
     [
         ("name", "<u8"),
         ("name_length", "<u8"),
@@ -62,7 +63,7 @@ MESSAGE_DTYPE: Final = np.dtype(
 )
 """struct mmsghdr; the 32-bit fields are widened by their padding, which the kernel leaves zero."""
 
-IOV_DTYPE: Final = np.dtype([("base", "<u8"), ("length", "<u8")])
+IOV_DTYPE = np.dtype([("base", "<u8"), ("length", "<u8")])
 
 _libc = ctypes.CDLL(None, use_errno=True)
 _libc.recvmmsg.argtypes = [ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p]
@@ -94,7 +95,7 @@ def address_of(array: npt.NDArray[Any]) -> int:
     return int(array.__array_interface__["data"][0])
 
 
-def headers(frames: npt.NDArray[Any], control: npt.NDArray[np.uint8] | None) -> tuple[Any, Any]:
+def headers(frames: npt.NDArray[Any], control: Bytes | None) -> tuple[Any, Any]:
     """Message headers and vectors that point into rows of frames and of control bytes."""
     n = len(frames)
     vectors = np.zeros(n, IOV_DTYPE)
@@ -204,10 +205,10 @@ def finish(
     return dropped
 
 
-CHUNK: Final = 256
+CHUNK = 256
 """Frames per system call: beyond that the time per frame no longer falls."""
 
-_FRAME: Final = struct.Struct("<IBB2x64s")
+_FRAME = struct.Struct("<IBB2x64s")
 
 
 class BatchReader:

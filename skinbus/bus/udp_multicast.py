@@ -15,7 +15,7 @@ import socket
 import struct
 import sys
 from functools import cache
-from typing import Any, Final
+from typing import Any
 
 import can
 
@@ -24,22 +24,22 @@ try:
 except ImportError:  # only this interface needs it
     msgpack = None
 
-PORT: Final = 43113
+PORT = 43113
 """python-can's."""
 
-MAX_DATAGRAM: Final = 512
+MAX_DATAGRAM = 512
 """Bytes; a frame of 64 bytes with all its keys has 290."""
 
-MAX_DATA: Final = 64
-MAX_TEXT: Final = 64
-_FLAGS: Final = (
+MAX_DATA = 64
+MAX_TEXT = 64
+_FLAGS = (
     *("is_extended_id", "is_remote_frame", "is_error_frame", "is_fd"),
     *("bitrate_switch", "error_state_indicator"),
 )
-_SO_TIMESTAMPNS: Final = 35  # asm-generic/socket.h
-_STAMP: Final = struct.Struct("@ll")
-_MULTICAST_ALL: Final = 49  # linux/in.h; not in Python's socket module
-_LOOPBACK: Final = "lo" if sys.platform == "linux" else "lo0"
+_SO_TIMESTAMPNS = 35  # asm-generic/socket.h
+_STAMP = struct.Struct("@ll")
+_MULTICAST_ALL = 49  # linux/in.h; not in Python's socket module
+_LOOPBACK = "lo" if sys.platform == "linux" else "lo0"
 
 
 @cache

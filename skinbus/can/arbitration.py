@@ -11,20 +11,19 @@ the other frame gets through, and at last its own. Beyond 255 a port is bus-off 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
 from skinbus.can.frame import EXTENDED, FD, RTR, Frame
 
-ERROR_PASSIVE: Final = 128
+ERROR_PASSIVE = 128
 """Transmit error counter from which a port is error passive."""
 
-BUS_OFF: Final = 256
+BUS_OFF = 256
 """Transmit error counter from which a port is bus-off."""
 
-ERROR_PENALTY: Final = 8
+ERROR_PENALTY = 8
 """What one error adds to the transmit error counter."""
 
-COLLISION_BITS: Final = 50
+COLLISION_BITS = 50
 """Lost by a collision: the header (19), some bits until the frames differ, and an error frame (23)."""
 
 

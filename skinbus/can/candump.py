@@ -16,37 +16,37 @@ import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self, TextIO
+from typing import Any, Self, TextIO
 
 from skinbus.can.clock import Clock, VirtualClock
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, MAX_DATA, RTR, Frame
 from skinbus.errors import ConfigError, Fault, MissingFileError
 
-DEFAULT_CHANNEL: Final = "can0"
+DEFAULT_CHANNEL = "can0"
 
-MAX_FAULTS: Final = 3
+MAX_FAULTS = 3
 """A file that is no recording at all is not listed line by line."""
 
-MAX_STRANGE: Final = 1000
+MAX_STRANGE = 1000
 """Lines without a single frame before them, after which a file is no recording."""
 
-LONGEST_LINE: Final = 1024
+LONGEST_LINE = 1024
 """Characters; a screen line of 64 bytes has 300. What is longer is no line of a recording."""
 
-_ERROR_MARK: Final = 0x2000_0000
-_LOG: Final = re.compile(
+_ERROR_MARK = 0x2000_0000
+_LOG = re.compile(
     r"\s*\((\d{1,10})\.(\d{1,9})\)\s+(\S+)\s+([0-9A-F]{3}|[0-9A-F]{8})#"
     r"(?:(R[0-8]?)|(#[0-9A-F])?([0-9A-F]*))(?:_[9-F])?"
     r"(?: [RT])?\s*",  # the direction of candump -x and python-can is read, never written
     re.IGNORECASE,
 )
-_SCREEN: Final = re.compile(
+_SCREEN = re.compile(
     r"\s*\((\d{1,10})\.(\d{1,9})\)\s+(\S+)\s+(?:[RT]X ([B-]) ([E-])\s+)?([0-9A-F]{3}|[0-9A-F]{8})\s+"
     r"\[(\d{1,2})\]((?: +[0-9A-F]{2})*)(?: +(remote request|ERRORFRAME|'.*'))?\s*"
 )
-_DROPPED: Final = re.compile(r"DROPCOUNT: dropped (\d{1,10}) CAN frames? on .*\s*")
-_WANTED: Final = "(seconds.microseconds) channel identifier#data, as candump -L writes it"
+_DROPPED = re.compile(r"DROPCOUNT: dropped (\d{1,10}) CAN frames? on .*\s*")
+_WANTED = "(seconds.microseconds) channel identifier#data, as candump -L writes it"
 
 
 def format_line(frame: Frame, *, channel: str = DEFAULT_CHANNEL, wall_ns: int | None = None) -> str:

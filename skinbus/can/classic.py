@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Final
-
-MAX_DATA: Final = 8
-HEADER_BITS: Final = 19  # start, 11 identifier, RTR, IDE, r0, 4 length
-EXTENDED_HEADER_BITS: Final = 39  # start, 11 identifier, SRR, IDE, 18 identifier, RTR, r1, r0, 4 length
-CRC_BITS: Final = 15
-END_BITS: Final = 10
+MAX_DATA = 8
+HEADER_BITS = 19  # start, 11 identifier, RTR, IDE, r0, 4 length
+EXTENDED_HEADER_BITS = 39  # start, 11 identifier, SRR, IDE, 18 identifier, RTR, r1, r0, 4 length
+CRC_BITS = 15
+END_BITS = 10
 """CRC delimiter, ACK slot, ACK delimiter and end of frame; never stuffed."""
-INTERFRAME_BITS: Final = 3
+INTERFRAME_BITS = 3
 
 
 def worst_case_bits(length: int, *, extended: bool = False) -> int:

@@ -7,12 +7,12 @@ all others one by one to ``step``, which follows every ``take``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from skinbus.can.event import Event
 from skinbus.can.frame import EXTENDED, NO_DATA, REMOTE_ID, RTR, Frame, FrameBatch
 
-NEVER: Final = 2**63 - 1
+NEVER = 2**63 - 1
 """A wake-up time that does not come (ns)."""
 
 

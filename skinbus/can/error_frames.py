@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 
 # Error classes, and bits of the controller's byte data[1] (linux/can/error.h).
-ERR_TX_TIMEOUT: Final = 0x001
-ERR_CRTL: Final = 0x004
-ERR_BUSOFF: Final = 0x040
-ERR_RESTARTED: Final = 0x100
-ERR_OF_INTEREST: Final = ERR_TX_TIMEOUT | ERR_CRTL | ERR_BUSOFF | ERR_RESTARTED
-CRTL_OVERFLOW: Final = 0x03
-CRTL_WARNING: Final = 0x0C
-CRTL_PASSIVE: Final = 0x30
-CRTL_ACTIVE: Final = 0x40
+ERR_TX_TIMEOUT = 0x001
+ERR_CRTL = 0x004
+ERR_BUSOFF = 0x040
+ERR_RESTARTED = 0x100
+ERR_OF_INTEREST = ERR_TX_TIMEOUT | ERR_CRTL | ERR_BUSOFF | ERR_RESTARTED
+CRTL_OVERFLOW = 0x03
+CRTL_WARNING = 0x0C
+CRTL_PASSIVE = 0x30
+CRTL_ACTIVE = 0x40
 
 
 class FaultWatch:

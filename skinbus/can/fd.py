@@ -7,21 +7,21 @@ between is at the data bit rate. Source: ISO 11898-1:2015, 10.4.2 (lengths), 10.
 from __future__ import annotations
 
 from bisect import bisect_left
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
-CLASSIC_BYTES: Final = 8
+CLASSIC_BYTES = 8
 """Most bytes of a frame of classic CAN; longer ones are CAN FD frames."""
-LENGTHS: Final = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
+LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 """Bytes of a frame by its length code."""
-MAX_BYTES: Final = LENGTHS[-1]
+MAX_BYTES = LENGTHS[-1]
 
-NOMINAL_BITS: Final = 30
+NOMINAL_BITS = 30
 """17 up to the switch of an 11-bit identifier, CRC delimiter, ACK slot and delimiter, 7 end, 3 interframe."""
-EXTENDED_BITS: Final = 19
+EXTENDED_BITS = 19
 """More of them with a 29-bit identifier: 18 of it, and SRR."""
-HEADER_BITS: Final = 17
+HEADER_BITS = 17
 """Those of the first that are subject to bit stuffing."""
-DATA_HEADER_BITS: Final = 5
+DATA_HEADER_BITS = 5
 """Error state and length code, at the data bit rate."""
 
 

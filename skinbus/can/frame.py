@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-EXTENDED: Final = 0x1
-RTR: Final = 0x2
-ERROR: Final = 0x4
-FD: Final = 0x8
-BRS: Final = 0x10
-ESI: Final = 0x20
+EXTENDED = 0x1
+RTR = 0x2
+ERROR = 0x4
+FD = 0x8
+BRS = 0x10
+ESI = 0x20
 """Flags of a frame; a plain classic data frame with an 11-bit identifier has none. BRS and ESI go with FD."""
 
-NO_DATA: Final = RTR | ERROR
+NO_DATA = RTR | ERROR
 """Flags of frames that are not data frames, of which there is one at most."""
 
-MAX_DATA: Final = 64
+MAX_DATA = 64
 """Bytes a frame can carry (CAN FD); classic CAN carries 8."""
 
 
-REMOTE_ID: Final = 1 << 30
+REMOTE_ID = 1 << 30
 """Added to an 11-bit identifier that a core listens to: remote frames with it, which no other gets."""
 
-LONG: Final = FD | BRS
+LONG = FD | BRS
 """Flags of the frames that we send with more bytes than classic CAN carries."""
 
 
@@ -44,7 +44,7 @@ class Frame(NamedTuple):
     bus: int = 0
 
 
-FRAME_DTYPE: Final = np.dtype(
+FRAME_DTYPE = np.dtype(
     [
         ("can_id", "<u4"),
         ("length", "u1"),

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from heapq import heappop, heappush
-from typing import Final
 
 from skinbus.can.arbitration import BUS_OFF, COLLISION_BITS, ERROR_PENALTY, arbitration_key, collide
 from skinbus.can.classic import INTERFRAME_BITS
@@ -25,11 +24,11 @@ from skinbus.can.wire_bits import classic_bits, fault, fd_bits
 Tap = Callable[[Frame], object]
 OnEvent = Callable[[Event], object]
 
-MAX_BITRATE: Final = 1_000_000
-QUEUE_LIMIT: Final = 4096
+MAX_BITRATE = 1_000_000
+QUEUE_LIMIT = 4096
 """Frames that a port may hold back; further ones are refused and counted."""
 
-_LONGEST_BITS: Final = 256
+_LONGEST_BITS = 256
 """More than the longest classic frame (160 bits) or collision of such, or nominal phase of CAN FD."""
 
 

@@ -8,7 +8,6 @@ first of which stands for one that the data might have called for. Source: ISO 1
 from __future__ import annotations
 
 import re
-from typing import Final
 
 from skinbus.can import fd as canfd
 from skinbus.can.classic import (
@@ -21,7 +20,7 @@ from skinbus.can.classic import (
 )
 from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame
 
-_STUFFED: Final = re.compile("0{5}(?:1{4}0{4})*(?:1{4})?|1{5}(?:0{4}1{4})*(?:0{4})?")
+_STUFFED = re.compile("0{5}(?:1{4}0{4})*(?:1{4})?|1{5}(?:0{4}1{4})*(?:0{4})?")
 """Bits after which one is inserted: five equal ones, then each four that are equal to the inserted one."""
 
 
@@ -33,7 +32,7 @@ def _crc15(number: int) -> int:
     return crc & 0x7FFF
 
 
-_CRC15: Final = [_crc15(byte) for byte in range(256)]
+_CRC15 = [_crc15(byte) for byte in range(256)]
 
 
 def fault(frame: Frame, *, fd: bool = False) -> str:

@@ -55,7 +55,6 @@ SUBCOMMANDS = {
         "identify": "Find which board sits where on an arm, by pressing one after the other.",
     },
     "calibrate": {
-        "live": "Press boards now, at places that a dialogue asks for.",
         "presses": "Find the presses in a recording and join them with the log of a robot.",
         "locate": "Find where boards sit, and how they are turned, from presses at known places.",
     },

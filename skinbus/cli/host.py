@@ -31,9 +31,6 @@ POLL_S = 0.2
 QUICK_S = 0.05
 """The same for one that follows a dialogue, or a core that is soon done."""
 
-REFRESH_S = 0.1
-"""A screen follows ten times a second: what eyes can."""
-
 
 @contextmanager
 def compiling(console: Console) -> Iterator[None]:

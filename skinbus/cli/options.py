@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import wraps
+from functools import reduce, wraps
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 
-from skinbus.cli import output
-from skinbus.model import Arm
+from skinbus.model import Arm, BusSettings
 from skinbus.skin import addresses
 from skinbus.skin.addresses import BusAddress
 
@@ -37,80 +36,63 @@ def file_option(*names: str, **settings: Any) -> Callable[..., Any]:
     return click.option(*names, type=INPUT, **settings)
 
 
-_INTERFACE = click.option(
-    "--interface", help="python-can interface: socketcan (default), virtual, udp_multicast, slcan, pcan, ..."
-)
-_CHANNEL = click.option(
-    "-c",
-    "--channel",
-    help="Channel of the interface; by default can0 on socketcan, 239.74.163.2 on udp_multicast.",
-)
-_CHANNELS = click.option(
-    "-c",
-    "--channel",
-    "channels",
-    multiple=True,
-    help="Channel of the interface: one for each bus in the order of the arm file, or NAME=CHANNEL. By "
-    "default that of the arm file; without one, can0 (239.74.163.2 with udp_multicast) for a single bus.",
-)
-_BITRATE = click.option(
-    "--bitrate",
-    type=click.IntRange(10_000, 1_000_000),
-    help="Bit/s, if the interface can set it (default: that of the arm file, or 1000000).",
-)
-_NAME = click.option("--bus", "name", help="Name of the bus, when the arm has several.")
+class Where(NamedTuple):
+    """Buses as the command line names them."""
 
+    interface: str | None = None
+    channels: tuple[str, ...] = ()
+    bitrate: int | None = None
+    names: tuple[str, ...] = ()
 
-class BusWords(NamedTuple):
-    """One bus as the command line names it."""
-
-    interface: str | None
-    channel: str | None
-    bitrate: int | None
-    name: str | None = None
-
-    def place(self) -> BusAddress:
-        """Return where the bus is, without an arm file."""
-        return addresses.find_place(self.interface, self.channel, self.bitrate)
+    def places(self, *buses: BusSettings) -> list[BusAddress]:
+        """Return where the buses of an arm are, or that of no arm file."""
+        return addresses.find_places(buses or (BusSettings(),), self.interface, self.channels, self.bitrate)
 
     def of(self, arm: Arm) -> tuple[Arm, BusAddress]:
-        """Return the part of an arm on this bus, and where the bus is."""
-        part = addresses.one_bus(arm, self.name)
-        channels = (self.channel,) if self.channel else ()
-        return part, addresses.find_places(part.buses, self.interface, channels, self.bitrate)[0]
+        """Return the part of an arm on one bus, and where the bus is."""
+        part = addresses.one_bus(arm, self.names)
+        return part, self.places(*part.buses)[0]
 
 
-class BusesWords(NamedTuple):
-    """The buses of an arm as the command line names them."""
+_BUS_OPTIONS = (
+    click.option(
+        "--interface", help="python-can interface: socketcan (default), virtual, udp_multicast, slcan, ..."
+    ),
+    click.option(
+        "-c",
+        "--channel",
+        "channels",
+        multiple=True,
+        help="Channel of the interface: one for each bus in the order of the arm file, or NAME=CHANNEL. By "
+        "default that of the arm file; without one, can0 (239.74.163.2 with udp_multicast) for a single bus.",
+    ),
+    click.option(
+        "--bitrate",
+        type=click.IntRange(10_000, 1_000_000),
+        help="Bit/s, if the interface can set it (default: that of the arm file, or 1000000).",
+    ),
+    click.option("--bus", "names", multiple=True, help="Name of the bus, when the arm has several."),
+)
 
-    interface: str | None
-    channels: tuple[str, ...]
-    bitrate: int | None
 
-
-def _joined(name: str, kind: Any, *options: Any) -> Callable[..., Any]:
+def _bus_options(*options: Any) -> Callable[..., Any]:
     """Return what adds options of buses to a command and hands them to it as one argument."""
 
     def add(command: Callable[..., Any]) -> Callable[..., Any]:
         @wraps(command)
         def joined(**given: Any) -> Any:
-            words = kind(**{key: given.pop(key) for key in kind._fields if key in given})
-            return command(**{name: words}, **given)
+            where = Where(**{key: given.pop(key) for key in Where._fields if key in given})
+            return command(where=where, **given)
 
-        added: Callable[..., Any] = joined
-        for option in reversed(options):
-            added = option(added)
-        return added
+        return reduce(lambda added, option: option(added), reversed(options), joined)
 
     return add
 
 
-bus_options = _joined("bus", BusWords, _INTERFACE, _CHANNEL, _BITRATE)
-"""Add --interface, --channel and --bitrate; the command gets them as ``bus: BusWords``."""
-arm_bus_options = _joined("bus", BusWords, _INTERFACE, _CHANNEL, _BITRATE, _NAME)
-"""Add the same for one bus of an arm, and --bus, which one."""
-buses_options = _joined("where", BusesWords, _INTERFACE, _CHANNELS, _BITRATE)
-"""Add the same for all buses of an arm; the command gets them as ``where: BusesWords``."""
+bus_options = _bus_options(*_BUS_OPTIONS[:3])
+"""Add --interface, --channel and --bitrate; the command gets them as ``where: Where``."""
+arm_bus_options = _bus_options(*_BUS_OPTIONS)
+"""Add the same and --bus."""
 
 LEVELS = ("kmeans", "fit", "full")
 """Names of the estimator's levels, without its imports; a test holds both lists equal."""
@@ -138,11 +120,4 @@ seconds_option = click.option(
     "--seconds", type=Range(min=0.0, min_open=True), help="Stop after this time, s."
 )
 
-
-json_option = click.option(
-    "--json",
-    "json_file",
-    type=click.Path(dir_okay=False, allow_dash=True),
-    callback=output.json_file,
-    help="Write a summary to this file; - writes it, and nothing else, to standard output.",
-)
+zero_option = click.option("--zero", is_flag=True, help="Take the first readings of each patch as its zero.")

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import errno
-import json
 import logging
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import click
 
-from skinbus import __version__
 from skinbus.errors import SkinbusError
 from skinbus.printable import layout
 
@@ -73,54 +71,22 @@ def is_broken_pipe(error: BaseException | None) -> bool:
     return isinstance(error, OSError) and error.errno == errno.EPIPE
 
 
-SUMMARY: Final = '{\n "skinbus": '
-"""How a summary begins."""
-
-
-def keep_others(path: str | os.PathLike[str], begins: str, what: str) -> None:
-    """Refuse a file that is there and does not begin as ours; an empty one holds nothing."""
-    if os.path.isfile(path):
-        with open(path, "rb") as file:
-            head = file.read(len(begins))
-        if head and head != begins.encode():
-            raise click.BadParameter(
-                f"{path} is there already and is no {what} of skinbus: remove it, or give another name"
-            )
-
-
 def state(ctx: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
-    """Refuse a state that would take the place of a file of anybody else."""
+    """Refuse a state that would take the place of a file of anybody else; an empty one holds nothing."""
     from skinbus.config.state_file import MAGIC
 
     if value is not None:
         try_to_write(value)
-        for ending in ("", ".1", ".health", ".health.1"):
-            keep_others(f"{value}{ending}", MAGIC, "state")
+        for file in (Path(f"{value}{ending}") for ending in ("", ".1", ".health", ".health.1")):
+            if not file.is_file():
+                continue
+            with file.open("rb") as content:
+                head = content.read(len(MAGIC))
+            if head not in (b"", MAGIC.encode()):
+                raise click.BadParameter(
+                    f"{file} is there already and is no state of skinbus: remove it, or give another name"
+                )
     return value
-
-
-def json_file(
-    ctx: click.Context, parameter: click.Parameter, value: str | None
-) -> Callable[[Any], None] | None:
-    """Return what writes the summary; what could not be written at the end is refused at the beginning."""
-    stdout = sys.stdout
-    if value is None:
-        return None
-    if value == "-":  # nothing else may be on it
-        ctx.with_resource(redirect_stdout(sys.stderr))
-    else:
-        try_to_write(value)
-        keep_others(value, SUMMARY, "summary")
-
-    def write(summary: Any) -> None:
-        text = json.dumps({"skinbus": __version__, **summary}, indent=1) + "\n"
-        if value == "-":
-            stdout.write(text)
-            stdout.flush()
-        else:
-            Path(value).write_text(text, encoding="utf-8")
-
-    return write
 
 
 def try_to_write(path: str | os.PathLike[str], *kinds: str) -> None:

@@ -29,7 +29,6 @@ MOST: Final = 2.0**32
 PRESSES: Final = ("node_id", "s_mm", "a_mm", "p1")
 """Readings are p1, p2, ... in Pa; gains of the board are not in them: they change with each calibration from
 the same presses."""
-WANTED: Final = "node_id, s_mm, a_mm, and p1, p2, ...; force_n and n1, n2, ... if known"
 OPTIONAL: Final = re.compile(r"force_n|[pn][1-9]\d{0,3}")
 """Columns that are read where they are there; n1, n2, ... are noise in Pa."""
 
@@ -49,34 +48,31 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
     Raises:
         ConfigError: faults of the file, all of them; keys are line and column.
     """
-    _, rows, faults = _read(path, [PRESSES], WANTED, ["force_n"])
+    _, rows, faults = _read(path, [PRESSES], ["force_n"])
     buses = [bus.name for bus in arm.buses]
     which = f"; a column bus with {' or '.join(buses)}, where node-IDs repeat" if len(buses) > 1 else ""
     presses: list[Press] = []
     for line, row, bus in rows:
-        named = bus if which else ""
         own = [
             p
-            for p, placed in enumerate(arm.patches)
-            if placed.node_id == row["node_id"] and named in ("", buses[placed.bus])
+            for p in np.flatnonzero(arm.node_id == row["node_id"]).tolist()
+            if not which or bus in ("", buses[arm.patches[p].bus])
         ]
         if len(own) != 1:
             seen = f"{row['node_id']:g}" + (f" of bus {bus}" if bus else "")
             faults.append(Fault(f"line {line}, node_id", seen, f"a patch of the arm{which}"))
             continue
-        here, force = arm.tactels_of(own[0]), row.get("force_n", math.nan)
-        n = here.stop - here.start
+        (p,), force = own, row.get("force_n", math.nan)
+        gain = arm.tactel_gain[arm.tactels_of(p)]
         readings, noise = (
-            np.array([row.get(f"{letter}{k + 1}", math.nan) for k in range(n)]) * arm.tactel_gain[here]
-            for letter in "pn"
+            gain * [row.get(f"{letter}{k}", math.nan) for k in range(1, 1 + len(gain))] for letter in "pn"
         )
         if force < 0.0:
             wanted = "a positive number; 0 where nothing touches; or nothing"
             faults.append(Fault(f"line {line}, force_n", force, wanted))
         elif np.isnan(readings).all():
-            faults.append(Fault(f"line {line}", "no reading", f"some of p1 to p{n}"))
-        s, a = 1e-3 * row["s_mm"], 1e-3 * row["a_mm"]
-        presses.append(Press(own[0], s, a, force, readings, line, np.abs(noise)))
+            faults.append(Fault(f"line {line}", "no reading", f"some of p1 to p{len(gain)}"))
+        presses.append(Press(p, 1e-3 * row["s_mm"], 1e-3 * row["a_mm"], force, readings, line, np.abs(noise)))
     touching = [press for press in presses if press.force != 0.0]
     if 0 < (unknown := sum(math.isnan(press.force) for press in touching)) < len(touching):
         seen = f"empty in {unknown} of {len(touching)} presses"
@@ -85,11 +81,13 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
         faults.append(Fault("file", None, "presses"))
     if faults:
         raise ConfigError(str(path), faults)
-    for p in {press.patch for press in presses if press.force == 0.0}:
-        own_zeros = [press.readings for press in presses if press.patch == p and press.force == 0.0]
-        zero, _ = mean_and_noise(np.array(own_zeros))
-        for press in touching:
-            press.readings[:] -= np.nan_to_num(zero) * (press.patch == p)
+    zeros: dict[int, list[Floats]] = {}
+    for press in presses:
+        if press.force == 0.0:
+            zeros.setdefault(press.patch, []).append(press.readings)
+    taken_off = {p: np.nan_to_num(mean_and_noise(np.array(own))[0]) for p, own in zeros.items()}
+    for press in touching:
+        press.readings[:] -= taken_off.get(press.patch, 0.0)
     return touching
 
 
@@ -105,7 +103,7 @@ def read_columns(
     Raises:
         ConfigError: the columns of no choice are there, or values are no numbers, all faults.
     """
-    names, rows, faults = _read(path, choices, " or ".join(map(", ".join, choices)), optional)
+    names, rows, faults = _read(path, choices, optional)
     columns = {name: np.array([row.numbers[name] for row in rows]) for name in names}
     fewest = FEWEST if "t_s" in columns else 1
     if not faults and len(rows) < fewest:
@@ -140,7 +138,7 @@ def write_presses(path: Path, arm: Arm, presses: Sequence[Press]) -> None:
 
 
 def _read(
-    path: Path, choices: Sequence[Sequence[str]], wanted: str, optional: Sequence[str]
+    path: Path, choices: Sequence[Sequence[str]], optional: Sequence[str]
 ) -> tuple[list[str], list[Row], FaultList]:
     """Return the names of columns, the rows without fault, and the faults of the others."""
     text = read_bytes(path, MAX_BYTES).decode("utf-8-sig", errors="replace")
@@ -148,7 +146,7 @@ def _read(
     rows, faults = list[Row](), FaultList()
     try:
         names = [name.strip() for name in next(filter(None, reader), [])]
-        if wrong := header_faults(names, choices, wanted, optional):
+        if wrong := header_faults(names, choices, optional):
             raise ConfigError(str(path), wrong)
         needed = {*next(choice for choice in choices if set(choice) <= set(names))} - {"p1"}
         for row in filter(None, reader):

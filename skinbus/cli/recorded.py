@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TextIO
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -55,7 +55,7 @@ class Recorded(Replayed):
 
     def __init__(
         self,
-        log: str | Path | TextIO,
+        log: str | Path,
         arm: Arm,
         channels: Sequence[str],
         console: Console,

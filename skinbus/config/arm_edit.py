@@ -12,9 +12,11 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
+from skinbus.config.arm_tables import RingTable
 from skinbus.config.system import load_arm
 from skinbus.config.toml_file import MAX_BYTES
 from skinbus.errors import ConfigError, Fault
@@ -23,9 +25,8 @@ from skinbus.file_bytes import read_bytes, write_whole
 Change = Mapping[str, Any]
 """New values by key; None takes a key out."""
 
-_HEADER: Final = re.compile(r"\s*(\[\[?\s*[\w.-]+)\s*\]\]?\s*(?:#.*)?$")
-_SHARED: Final = ("link", "s_mm", "yaw_deg", "mirrored", "bus", "set")
-"""Keys that the boards of a ring have in common."""
+_HEADER: Final = re.compile(r"\s*\[\[?\s*([\w-]+)\s*\]\]?\s*(?:#.*)?$")
+"""Of a table; those of tables in it have a point in their names."""
 _DIGITS: Final = 6
 """Decimals of a millimetre or a degree: nanometres."""
 
@@ -40,30 +41,27 @@ def edit_arm(path: Path, text: str, changes: Mapping[str, Change]) -> str:
     """
     document = tomllib.loads(text)
     lines = text.splitlines()
-    found = [(k, match[1].replace(" ", "")) for k, line in enumerate(lines) if (match := _HEADER.match(line))]
-    heads = [*found, (len(lines), "")]
+    heads = {k: match[1] for k, line in enumerate(lines) if (match := _HEADER.match(line))}
+    left = {kind: iter(enumerate(document.get(kind, ()), 1)) for kind in ("patch", "ring")}
     wanted: dict[str, list[Any]] = {"patch": [], "ring": []}
-    seen = {"patch": 0, "ring": 0}
-    out, done = [], 0
-    for i, (first, head) in enumerate(heads):
-        kind = head.removeprefix("[[")
-        if not head.startswith("[[") or kind not in seen or seen[kind] == len(document.get(kind, ())):
-            continue
-        table, name = document[kind][seen[kind]], f"{kind}[{seen[kind] + 1}]"
-        seen[kind] += 1
-        boards = {name: table} if kind == "patch" else _boards(name, table)
+    out: list[str] = []
+    for begin, end in pairwise([0, *heads, len(lines)]):
+        block, kind = lines[begin:end], heads.get(begin, "")
+        number, table = next(left.get(kind, iter(())), (0, None))
+        boards = _boards(kind, f"{kind}[{number}]", table) if table else {}
         if boards.keys().isdisjoint(changes):
-            wanted[kind].append(table)
+            out += block
+            if table:
+                wanted[kind].append(table)
             continue
         own = [_with(board, changes.get(key, {})) for key, board in boards.items()]
         wanted["patch"] += own
-        last = next(k for k, inner in heads[i + 1 :] if not inner.startswith(f"[{kind}."))
-        while not lines[last - 1].partition("#")[0].strip():  # comments before the next table are of that one
-            last -= 1
-        out += lines[done:first] + _as_patches(lines[first:last], own)
-        done = last
+        n = len(block)
+        while not block[n - 1].partition("#")[0].strip():  # comments before the next table are of that one
+            n -= 1
+        out += _as_patches(block[:n], own) + block[n:]
     newline = "\r\n" if "\r\n" in text else "\n"
-    edited = newline.join([*out, *lines[done:], ""])
+    edited = newline.join([*out, ""])
     try:
         is_good = _filled(tomllib.loads(edited)) == _filled({**document, **wanted})
     except tomllib.TOMLDecodeError:
@@ -108,26 +106,21 @@ def _as_patches(lines: list[str], boards: list[dict[str, Any]]) -> list[str]:
     return out[:-1]
 
 
-def _boards(name: str, ring: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return the boards of a ring as tables of patches, by their keys."""
-    shared = {key: ring[key] for key in _SHARED if key in ring}
-    boards = {}
-    for k in range(ring["count"]):
-        angle_deg = ring.get("angle_deg", 0.0) + 360.0 * k / ring["count"]
-        own = {"node_id": ring["first_node_id"] + k, "angle_deg": round(angle_deg, _DIGITS)}
-        if "eds" in ring:
-            own["eds"] = ring["eds"][k] if isinstance(ring["eds"], list) else ring["eds"]
-        boards[f"{name}#{k + 1}"] = own | shared
-    return boards
+def _boards(kind: str, name: str, table: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the boards of a table as tables of patches, by their keys."""
+    if kind == "patch":
+        return {name: table}
+    boards = RingTable.model_validate(table).boards()
+    return {f"{name}#{k}": board.model_dump(exclude_unset=True) for k, board in enumerate(boards, 1)}
 
 
 def _with(table: dict[str, Any], change: Change) -> dict[str, Any]:
     """Return a table with other values."""
-    rounded = {
+    return {
         key: round(value, _DIGITS) + 0.0 if isinstance(value, float) else value
-        for key, value in change.items()
+        for key, value in {**table, **change}.items()
+        if value is not None
     }
-    return {key: value for key, value in {**table, **rounded}.items() if value is not None}
 
 
 def _filled(document: dict[str, Any]) -> dict[str, Any]:

@@ -230,3 +230,17 @@ class RingTable(Mounted):
     eds: Text | Annotated[list[Text], Field(min_length=1, max_length=MAX_PATCH_ID)] = "skin-patch"
     """Of all boards, or one for each: DCF files of boards that were calibrated one by one."""
     angle_deg: Place = 0.0
+
+    def boards(self) -> list[PatchTable]:
+        """Return its patches one by one."""
+        files = self.eds if isinstance(self.eds, list) else [self.eds] * self.count
+        shared = self.model_dump(include={*Mounted.model_fields}, exclude_unset=True)
+        return [
+            PatchTable.model_construct(
+                node_id=self.first_node_id + k,
+                eds=eds,
+                angle_deg=self.angle_deg + 360.0 * k / self.count,
+                **shared,
+            )
+            for k, eds in enumerate(files)
+        ]

@@ -53,15 +53,30 @@ def mount(
         if table.link not in known:  # a link that has faults of its own is reported there
             names = ", ".join(printable(str(n), limit=MAX_NAME) for n in known) or "none"
             faults.append(Fault(f"{key}.link", table.link, f"the name of a link: {names}"))
+    boards = [*patches]
+    for key, ring in rings:
+        boards += _boards(key, ring, named, faults)
     mountings = []
-    for key, patch in patches:
+    for key, patch in boards:
         if patch.link in named:
             number, link = named[patch.link]
             faults += _patch_faults(key, patch, link)
             mountings.append(_patch(key, patch, number, link))
-    for key, ring in rings:
-        mountings += _ring(key, ring, named, faults)
     return mountings
+
+
+def _boards(key: str, ring: RingTable, named: Named, faults: list[Fault]) -> Iterator[tuple[str, PatchTable]]:
+    """Yield the patches of a ring and their keys; none of one that has faults."""
+    last = ring.first_node_id + ring.count - 1
+    if last > MAX_PATCH_ID:
+        faults.append(Fault(f"{key}.count", ring.count, f"node-IDs up to {MAX_PATCH_ID}, not {last}"))
+    elif ring.link in named and "angle_deg" not in named[ring.link][1].places:
+        faults.append(Fault(f"{key}.link", ring.link, "a cylinder or cone: a ring goes around"))
+    elif isinstance(ring.eds, list) and len(ring.eds) != ring.count:
+        wanted = f"one, or {ring.count}: one for each patch"
+        faults.append(Fault(f"{key}.eds", f"{len(ring.eds)} files", wanted))
+    else:
+        yield from ((f"{key}#{k}", patch) for k, patch in enumerate(ring.boards(), 1))
 
 
 def _patch_faults(key: str, patch: PatchTable, kind: LinkTable) -> Iterator[Fault]:
@@ -96,35 +111,6 @@ def _patch(key: str, patch: PatchTable, number: int, link: LinkTable) -> Mountin
         point=None if patch.xyz_mm is None else tuple(1e-3 * x for x in patch.xyz_mm),
         along=tuple(patch.along or (1.0, 0.0, 0.0)),
     )
-
-
-def _ring(key: str, ring: RingTable, named: Named, faults: list[Fault]) -> list[Mounting]:
-    number, link = named.get(ring.link, (0, None))
-    last = ring.first_node_id + ring.count - 1
-    files = ring.eds if isinstance(ring.eds, list) else [ring.eds] * ring.count
-    if last > MAX_PATCH_ID:
-        faults.append(Fault(f"{key}.count", ring.count, f"node-IDs up to {MAX_PATCH_ID}, not {last}"))
-    elif link is not None and "angle_deg" not in link.places:
-        faults.append(Fault(f"{key}.link", ring.link, "a cylinder or cone: a ring goes around"))
-    elif len(files) != ring.count:
-        wanted = f"one, or {ring.count}: one for each patch"
-        faults.append(Fault(f"{key}.eds", f"{len(files)} files", wanted))
-    elif link is not None:
-        return [
-            Mounting(
-                key=f"{key}#{k + 1}",
-                node_id=ring.first_node_id + k,
-                link=number,
-                s=1e-3 * ring.s_mm,
-                a=_around(link, ring.angle_deg + 360.0 * k / ring.count),
-                yaw=math.radians(ring.yaw_deg),
-                eds=eds,
-                settings=ring.set,
-                is_mirrored=ring.mirrored,
-            )
-            for k, eds in enumerate(files)
-        ]
-    return []
 
 
 def _around(link: LinkTable, angle_deg: float) -> float:

@@ -180,13 +180,9 @@ def _check_mapped(
         if (placed.eds, placed.settings) in seen:
             continue
         seen.add((placed.eds, placed.settings))
-        healthy = placed.patch.healthy
+        healthy = np.broadcast_to(placed.patch.healthy, placed.patch.n_tactels)
         sent = {entry.sub for pdo in tpdos(od) if carries_readings(pdo) for entry in readings_in(pdo)}
-        silent = [
-            k
-            for k in range(1, placed.patch.n_tactels + 1)
-            if k not in sent and (healthy is None or healthy[k - 1])
-        ]
+        silent = [k for k in range(1, placed.patch.n_tactels + 1) if k not in sent and healthy[k - 1]]
         if silent:
             some = ", ".join(map(str, silent[:4])) + (", ..." if len(silent) > 4 else "")
             what = f"{len(silent)} of {placed.patch.n_tactels} readings in no enabled TPDO: {some}"

@@ -69,37 +69,30 @@ def nearest(word: str, known: Sequence[str]) -> str:
 
 
 def header_faults(
-    names: Sequence[str], choices: Sequence[Sequence[str]], wanted: str, optional: Sequence[str] = ()
+    names: Sequence[str], choices: Sequence[Sequence[str]], optional: Sequence[str] = ()
 ) -> list[Fault]:
     """Return what is wrong in the header of a table: needed columns that are not there, and misspelt ones.
 
     names:    of its columns
     choices:  columns of which those of one choice are needed; the nearest one is held against the table
-    wanted:   the columns that there may be, for the message
     optional: columns that nobody misses; a name that is nearly one of them is a fault, others are not
     """
     if len(names) == 1 and (other := re.search(r"[;\t|]", names[0])):
         return [Fault("line 1", f"divided by {other[0]!r}", "commas between columns, and points in numbers")]
     alike = {_plain(name) for name in names}
     needed = min(choices, key=lambda choice: len({*map(_plain, choice)} - alike))
-    missing = [column for column in needed if column not in names]
-    left = {_plain(name): name for name in names if name not in needed and name not in optional}
-    said = []
-    for column in missing:
-        near = get_close_matches(_plain(column), [*left], n=1, cutoff=_AS_A_COLUMN)
-        said.append(column + (f" (is it {left.pop(near[0])!r}?)" if near else ""))
+    known = (*needed, *optional)
+    left = {_plain(name): name for name in names if name not in known}
     faults = []
-    read = [name for name in names if name in needed or name in optional]
-    for column in sorted({name for name in read if read.count(name) > 1}):
-        faults.append(Fault("line 1", f"{read.count(column)} columns {column!r}", "each column once"))
-    if missing:
-        seen = ", ".join(names) or None
-        faults.append(Fault("line 1", seen, f"columns {wanted}; missing: {', '.join(said)}"))
-    for column in optional:
-        near = get_close_matches(_plain(column), [*left], n=1, cutoff=_MISSPELT)
-        if column not in names and near:
-            what = f"column {column!r}, or another name: this one would be left alone"
-            faults.append(Fault("line 1", left.pop(near[0]), what))
+    for column in known:
+        n = names.count(column)
+        cutoff = _MISSPELT if column in optional else _AS_A_COLUMN
+        near = get_close_matches(_plain(column), [*left], n=1, cutoff=cutoff) if n == 0 else []
+        if n > 1:
+            faults.append(Fault("line 1", f"{n} columns {column!r}", "each column once"))
+        elif near or (n == 0 and column in needed):
+            seen = left.pop(near[0]) if near else None
+            faults.append(Fault("line 1", seen, f"a column {column!r}, of {', '.join(needed)}"))
     return faults
 
 

@@ -245,7 +245,7 @@ class Tracker:
         self.arm = arm
         self._slots, self._blind_ns = np.arange(n_slots), round(1e9 * blind_s)
         self._pitch = np.array([placed.patch.pitch for placed in arm.patches])[arm.tactel_patch]
-        self._surface = np.stack([arm.link_radius, arm.link_taper, arm.link_period, arm.link_length], -1)
+        self._surface = arm.link_shapes
         self._waiting: list[tuple[KeptTrack, int]] = []
         self._first_ns: int | None = None
         self.last = (0, 0)

@@ -1,7 +1,8 @@
 """The C project of one board: core and ports as they are, and the object dictionary of its EDS as tables.
 
-Values of fixed size lie in one image without gaps, in the order of index and sub-index, little-endian as on
-the wire. Consecutive sub-indices that are alike but for their value are one run of the table.
+Values lie in one image without gaps, in the order of index and sub-index, little-endian as on the wire; a
+text has its length before it, and texts that can be written come last. Consecutive sub-indices that are
+alike but for their value are one run of the table.
 """
 
 from __future__ import annotations
@@ -11,22 +12,23 @@ from itertools import groupby
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from canopen.objectdictionary import ObjectDictionary
+from canopen.objectdictionary import ObjectDictionary, datatypes
 
 from skinbus.errors import EdsError, Fault
-from skinbus.node.layout import ImageEntry, ImageLayout, key_of
+from skinbus.node.layout import FLOATS, ImageEntry, ImageLayout
+from skinbus.node.storage import is_parameter
 from skinbus.objects import cia
+from skinbus.objects.dcf import is_verified
 from skinbus.objects.eds import load_eds
-from skinbus.objects.eds_values import REAL32, REAL64
 from skinbus.objects.pdo import Direction, pdo_numbers
-from skinbus.objects.profile import COMMUNICATION_CHECKSUM, SAMPLE_COUNTER, index_of
+from skinbus.objects.profile import COMMUNICATION_CHECKSUM, SAMPLE_COUNTER, find
 
 NODE_ID: Final = 1
 """Node-ID at which the dictionary is read; what depends on it is stored without it."""
-NOWHERE: Final = 0xFFFF
-"""``SB_NOWHERE``: no such object, no value."""
-AGE_SUB: Final = 3
-"""Sub-index of the age beside the stamp of a sample."""
+NO_VALUE: Final = b"\xff\xff"
+"""In place of the length of a text."""
+LIMITED: Final = 4
+"""Bytes of the largest value with limits."""
 PER_LINE: Final = 16
 
 
@@ -34,8 +36,8 @@ class Run(NamedTuple):
     """Consecutive sub-indices of one object that are alike."""
 
     entries: Sequence[ImageEntry]
-    at: int
-    """Offset in the image; of a text, which is alone, its number."""
+    at: str
+    """Offset in the image; that of a text depends on the room of those before it."""
 
 
 def write_project(eds: str, out: Path) -> tuple[int, int]:
@@ -65,91 +67,89 @@ def _kind(entry: ImageEntry) -> tuple[object, ...]:
     return entry.index, entry.variable.data_type, rights, entry.low, entry.high, alone
 
 
+def _is_room(entry: ImageEntry) -> bool:
+    """Whether an entry is a text that can be written, which has no default."""
+    return not entry.size and entry.writable
+
+
+def _bytes(entry: ImageEntry) -> bytes:
+    """Return the default of an entry as it lies in the image."""
+    if entry.size:
+        return (entry.default or b"").ljust(entry.size, b"\0")
+    return NO_VALUE if entry.default is None else len(entry.default).to_bytes(2, "little") + entry.default
+
+
 def _runs(entries: Iterable[ImageEntry]) -> list[Run]:
     """Return all entries as runs, with their places."""
-    runs, at, n_texts = [], 0, 0
     ordered = sorted(entries, key=lambda entry: (entry.index, entry.sub))
     steps = [entry.sub - i for i, entry in enumerate(ordered)]  # the same while sub-indices follow each other
+    runs, at, n_rooms = [], 0, 0
     for _, group in groupby(zip(ordered, steps, strict=True), lambda item: (_kind(item[0]), item[1])):
         part = [entry for entry, _ in group]
-        if part[0].size:
-            runs.append(Run(part, at))
-            at += sum(entry.size for entry in part)
+        if _is_room(part[0]):
+            runs.append(Run(part, f"SB_ROOM({n_rooms})"))
+            n_rooms += 1
         else:
-            runs.append(Run(part, n_texts))
-            n_texts += 1
+            runs.append(Run(part, str(at)))
+            at += sum(len(_bytes(entry)) for entry in part)
     return runs
 
 
 def _texts(eds: str, od: ObjectDictionary, layout: ImageLayout) -> tuple[str, str]:
     """Return the text of the header and that of the tables."""
     runs = _runs(layout.entries.values())
-    sized = [run for run in runs if run.entries[0].size]
-    texts = [run.entries[0] for run in runs if not run.entries[0].size]
-    image = b"".join((e.default or b"").ljust(e.size, b"\0") for run in sized for e in run.entries)
-    writable = [entry for entry in texts if entry.writable]
-    limits = {limit: None for run in sized if (limit := _limits(run.entries[0])) != (None, None)}
+    rooms = [run for run in runs if _is_room(run.entries[0])]
+    image = b"".join(_bytes(entry) for run in runs if run not in rooms for entry in run.entries)
+    limits = {limit: None for run in runs if (limit := _limits(run.entries[0])) != (None, None)}
     numbers = {limit: number for number, limit in enumerate(limits, 1)}
-    pdos = {direction: pdo_numbers(od, direction) for direction in Direction}
+    pdos = {way: pdo_numbers(od, way) for way in (Direction.RPDO, Direction.TPDO)}
     defines = {
-        "N_RUNS": len(runs),
-        "IMAGE": len(image),
-        "N_LIMITS": len(limits) + 1,
-        "N_TEXTS": max(len(texts), 1),
-        "TEXT_SLOTS": len(writable),
-        **_places(eds, od, layout, sized),
-        **_services(od, layout, pdos),
+        "N_RUNS": f"{len(runs)}u",
+        "DEFAULTS": f"{len(image)}u",
+        "ROOM(k)": "(SB_DEFAULTS + (k) * (2u + SB_TEXT_ROOM))",
+        "IMAGE": f"SB_ROOM({len(rooms)}u)",
+        "N_LIMITS": f"{len(limits) + 1}u",
+        **{name: f"{value}u" for name, value in _services(eds, od, layout, runs, pdos).items()},
     }
     source = f"/* Made from {Path(eds).name} by `skinbus board firmware`. */\n"
-    lines = [f"#define SB_{name} {value}u" for name, value in defines.items()]
+    lines = [f"#define SB_{name} {value}" for name, value in defines.items()]
     header = [f"{source}#ifndef BOARD_H\n#define BOARD_H\n", *lines, "\n#endif\n"]
     tables = [
         f'{source}#include "skin.h"\n',
         _table("struct sb_run sb_runs[SB_N_RUNS]", [_run(run, numbers) for run in runs]),
-        _table("uint8_t sb_defaults[SB_IMAGE]", [str(byte) for byte in image]),
+        _table("uint8_t sb_defaults[SB_DEFAULTS]", [str(byte) for byte in image]),
         _table("struct sb_limit sb_limits[SB_N_LIMITS]", ["{0, 0}", *map(_limit, limits)]),
-        _table("struct sb_text sb_texts[SB_N_TEXTS]", [_text(e, writable) for e in texts] or ["{0, 0, 0}"]),
-        _table("uint16_t sb_tpdos[SB_TPDO_ROOM]", [str(n - 1) for n in pdos[Direction.TPDO]] or ["0"]),
-        _table("uint16_t sb_rpdos[SB_RPDO_ROOM]", [str(n - 1) for n in pdos[Direction.RPDO]] or ["0"]),
+        _table("uint16_t sb_pdos[SB_N_PDOS]", [hex(w.communication + n - 1) for w in pdos for n in pdos[w]]),
     ]
     return "\n".join(header), "\n".join(tables)
 
 
-def _places(eds: str, od: ObjectDictionary, layout: ImageLayout, sized: Sequence[Run]) -> dict[str, int]:
-    """Return where readings and their stamps lie."""
-    places = {(e.index, e.sub): run.at + i * e.size for run in sized for i, e in enumerate(run.entries)}
-    index = next((i for i in cia.READINGS if (i, 1) in places), 0)
-    if not index:
-        raise EdsError(eds, [Fault("readings", None, "0x6401 or 0x6400")])
-    stamp, _ = index_of(od, SAMPLE_COUNTER) if SAMPLE_COUNTER.object in od.names else (0, 0)
-    return {
-        "N_TACTELS": len(layout.subs(index)),
-        "READINGS": index,
-        "READINGS_AT": places[index, 1],
-        "READING_BYTES": layout.entries[key_of(index, 1)].size,
-        "STAMP_AT": places.get((stamp, 1), NOWHERE),
-        "AGE_AT": places.get((stamp, AGE_SUB), NOWHERE),
-    }
-
-
-def _services(od: ObjectDictionary, layout: ImageLayout, pdos: dict[Direction, list[int]]) -> dict[str, int]:
+def _services(
+    eds: str, od: ObjectDictionary, layout: ImageLayout, runs: Sequence[Run], pdos: dict[Direction, list[int]]
+) -> dict[str, int | str]:
     """Return what the services of the board are made for; a room is at least 1, as C has no empty arrays."""
-    checksum = od.names.get(COMMUNICATION_CHECKSUM.object)
+    readings = next(
+        (run for run in runs if run.entries[0].index in cia.READINGS and run.entries[0].sub), None
+    )
+    if readings is None:
+        raise EdsError(eds, [Fault("readings", None, "0x6401 or 0x6400")])
     mapped = [len(layout.subs(way.mapping + n - 1)) for way, numbers in pdos.items() for n in numbers]
     rates = [bit for bit, rate in cia.BIT_RATES.items() if rate in od.device_information.allowed_baudrates]
-    counts = {
-        "TPDO": len(pdos[Direction.TPDO]),
-        "RPDO": len(pdos[Direction.RPDO]),
-        "CONSUMED": len(layout.subs(cia.HEARTBEAT_CONSUMER)),
-    }
+    stamp, checksum = (find(od, name) for name in (SAMPLE_COUNTER, COMMUNICATION_CHECKSUM))
     return {
-        "FRAME_BYTES": layout.max_pdo_bits // 8,
+        "N_TACTELS": len(readings.entries),
+        "READINGS": readings.entries[0].index,
+        "READINGS_AT": readings.at,
+        "READING_BYTES": readings.entries[0].size,
+        "STAMP": 0 if stamp is None else stamp.index,
         "CHECKSUM": 0 if checksum is None else checksum.index,
+        "N_RPDOS": len(pdos[Direction.RPDO]),
+        "N_PDOS": len(mapped),
         "PDO_ENTRIES": max(mapped, default=1),
-        "GUARDING": int(cia.GUARD_TIME in layout.indices),
+        "CONSUMED_ROOM": max(len(layout.subs(cia.HEARTBEAT_CONSUMER)), 1),
+        "FRAME_BYTES": layout.max_pdo_bits // 8,
         "LSS": int(bool(od.device_information.LSS_supported)),
         "BIT_RATES": sum(1 << bit for bit in rates),
-        **{f"{name}_ROOM": max(n, 1) for name, n in counts.items()},
     }
 
 
@@ -159,8 +159,9 @@ def _table(head: str, items: Sequence[str]) -> str:
 
 
 def _limits(entry: ImageEntry) -> tuple[float | None, float | None]:
-    """Return the limits that the core keeps; it keeps none of reals."""
-    return (None, None) if entry.variable.data_type in (REAL32, REAL64) else (entry.low, entry.high)
+    """Return the limits that the core keeps: those of integers of up to 32 bits."""
+    has_limits = 0 < entry.size <= LIMITED and entry.variable.data_type not in FLOATS
+    return (entry.low, entry.high) if has_limits else (None, None)
 
 
 def _limit(limits: tuple[float | None, float | None]) -> str:
@@ -171,16 +172,13 @@ def _limit(limits: tuple[float | None, float | None]) -> str:
 
 def _run(run: Run, limits: dict[tuple[float | None, float | None], int]) -> str:
     entry = run.entries[0]
-    bits = (entry.readable, entry.writable, entry.mappable_tx, entry.mappable_rx, entry.relative)
+    kind = entry.variable.data_type
+    bits = (
+        *(entry.readable, entry.writable, entry.mappable_tx, entry.mappable_rx, entry.relative),
+        *(kind in datatypes.SIGNED_TYPES, kind == datatypes.BOOLEAN, kind in FLOATS),
+        *(is_parameter(entry), is_parameter(entry) and is_verified(entry.index)),
+    )
     access = sum(1 << k for k, has in enumerate(bits) if has)
     limit = limits.get(_limits(entry), 0)
-    head = f"0x{entry.index:04X}, {entry.sub}, {len(run.entries)}, {entry.variable.data_type}"
-    return f"{{{head}, {access}, {limit}, {run.at}}}"
-
-
-def _text(entry: ImageEntry, slots: Sequence[ImageEntry]) -> str:
-    slot = slots.index(entry) + 1 if entry in slots else 0
-    if entry.default is None:
-        return f"{{NULL, SB_NOWHERE, {slot}}}"
-    letters = "".join(f"\\{byte:03o}" for byte in entry.default)
-    return f'{{"{letters}", {len(entry.default)}, {slot}}}'
+    head = f"0x{entry.index:04X}, {entry.sub}, {len(run.entries)}, {entry.size}"
+    return f"{{{head}, {limit}, {access}, {run.at}}}"

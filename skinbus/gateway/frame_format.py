@@ -11,22 +11,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import ConfigDict, Field, with_config
 
+from skinbus.arrays import Ints, Ints32
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.config.parameters import read
 from skinbus.config.toml_file import find_toml, names_in, read_toml
 from skinbus.errors import ArgumentError, ConfigError, Fault, FaultList
 from skinbus.model.patch import MAX_TACTELS
 
-FORMATS: Final = Path(__file__).parent / "formats"
+FORMATS = Path(__file__).parent / "formats"
 """The formats that travel with the package."""
 
-ID_BITS: Final = 11
+ID_BITS = 11
 
 Type = Literal["u1", "i1", "<u2", ">u2", "<i2", ">i2"]
 """Of a number in data, as in numpy: kind and bytes, ``>`` with the most significant byte first."""
@@ -36,7 +37,7 @@ Tactels = Annotated[list[Annotated[int, Field(ge=-1, lt=MAX_TACTELS)]], Field(mi
 """Which tactel each number or bit is of; -1 for none."""
 IdPattern = Annotated[str, Field(pattern=f"^[01a-z]{{{ID_BITS}}}$")]
 DataPattern = Annotated[str, Field(pattern=r"^(([01a-z]{8}|[0-9A-F]{2})( |$)){0,8}$")]
-_STRICT: Final = ConfigDict(extra="forbid")
+_STRICT = ConfigDict(extra="forbid")
 
 
 @with_config(_STRICT)
@@ -180,7 +181,7 @@ class FrameFormat:
         every = [_fill(table, self.numbers(address)) for table in tables for address in addresses]
         return list(dict.fromkeys(every))
 
-    def counts(self, raw: npt.NDArray[Any]) -> npt.NDArray[np.int32]:
+    def counts(self, raw: npt.NDArray[Any]) -> Ints32:
         """Return the counts (n,) of readings (n,)."""
         counts = np.clip(np.rint((raw - self.zero) * self.gain), -0x8000, 0x7FFF)
         return counts.astype(np.int32)
@@ -201,7 +202,7 @@ class Part:
     can_id: int
     data: bytes
     length: int
-    to: npt.NDArray[np.int64]
+    to: Ints
     table: FrameTable
 
     def unhealthy(self, data: bytes) -> list[int]:

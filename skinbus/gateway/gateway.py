@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
 from canopen.objectdictionary import ObjectDictionary
 
@@ -16,13 +15,12 @@ from skinbus.gateway.receiver import PATIENCE, Receiver
 from skinbus.model import Arm
 from skinbus.node import Device
 from skinbus.node.host import PatchHost
-from skinbus.node.storage import MemoryStorage
 
-CANOPEN: Final = 0
-SKIN: Final = 1
+CANOPEN = 0
+SKIN = 1
 """Numbers of the buses."""
 
-START_AGAIN_NS: Final = 1_000_000_000
+START_AGAIN_NS = 1_000_000_000
 """How often the start commands are repeated to boards that do not send: they may have been off."""
 
 
@@ -47,8 +45,7 @@ class Gateway(Core):
         self._receiver = Receiver(found, self.addresses)
         self.node_ids: list[int] = arm.node_id[mine].tolist()
         devices = [
-            Device(ods[k], node_id, storage=MemoryStorage())
-            for k, node_id in zip(mine, self.node_ids, strict=True)
+            Device(ods[k], node_id, storage={}) for k, node_id in zip(mine, self.node_ids, strict=True)
         ]
         self._host = PatchHost(devices, self._receiver.newest)
         self._faults = [""] * len(mine)

@@ -14,7 +14,7 @@ import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -28,22 +28,22 @@ from skinbus.gateway.positions import lay_flat
 from skinbus.model import Surface
 from skinbus.objects.new_board import NewBoard
 
-MAX_BYTES: Final = 1 << 20
+MAX_BYTES = 1 << 20
 """Sixteen boards of 192 rows with 50 characters are a sixth of this."""
-ROWS: Final = 12
+ROWS = 12
 """Of a triangle."""
-TACTELS: Final = (0, 1, 2, 3, 4, 5, 7, 8, 9, 11)
+TACTELS = (0, 1, 2, 3, 4, 5, 7, 8, 9, 11)
 """Rows of a triangle that measure pressure; 6 and 10 are its thermal pads."""
-TRIANGLES: Final = 16
+TRIANGLES = 16
 """Of a board."""
-MARGIN: Final = 0.02
+MARGIN = 0.02
 """m of a surface beyond its tactels: a board may reach so far."""
-BETTER: Final = 0.5
+BETTER = 0.5
 """Share of the residual of a plane to which a cylinder must come: it has two numbers more."""
-CONVERTER_BITS: Final = 8
-RATE_HZ: Final = 1500.0
+CONVERTER_BITS = 8
+RATE_HZ = 1500.0
 """Of one triangle alone, whose three frames take 0.4 ms, on 60 % of the bus."""
-RIM_UM: Final = 100
+RIM_UM = 100
 """Of a board around its tactels: nothing is known of it, and triangles stand close."""
 
 

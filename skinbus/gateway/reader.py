@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from skinbus.can.clock import Clock
 from skinbus.node.host import Sample
 
-MAX_AGE_NS: Final = 100_000_000
+MAX_AGE_NS = 100_000_000
 """A sensor that gives nothing for so long has stopped: five periods at 50 Hz, the oldest that arms take."""
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
@@ -14,13 +13,13 @@ from skinbus.can.frame import Frame
 from skinbus.gateway.frame_format import FrameFormat, Part
 from skinbus.node.host import Sample
 
-PATIENCE: Final = 3
+PATIENCE = 3
 """Periods after which a patch is silent, or can be told from two boards with one address."""
 
-DOUBLED: Final = 5
+DOUBLED = 5
 """Times that one frame comes in so many periods if two boards send it; of one board it comes at most four."""
 
-_NEVER_NS: Final = -(2**62)
+_NEVER_NS = -(2**62)
 
 
 class Receiver:

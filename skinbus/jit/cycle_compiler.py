@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar
 
 from llvmlite import ir
 from numba.core import cgutils, types
@@ -25,10 +25,10 @@ from numba.core.typed_passes import NativeLowering
 from numba.extending import models, register_model
 from numba.np.arrayobj import load_item, store_item
 
-WORD: Final = ir.IntType(64)
+WORD = ir.IntType(64)
 
 
-UNUSED_PASSES: Final = {
+UNUSED_PASSES = {
     "WithLifting",  # there are no `with` blocks,
     "InlineClosureLikes",  # closures or comprehensions,
     "MakeFunctionToJitFunction",

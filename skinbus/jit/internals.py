@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from typing import Any, Final
+from typing import Any
 
 from llvmlite import ir
 from numba.core import cgutils, types
@@ -11,7 +11,7 @@ from numba.core.imputils import lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import NativeValue, infer_getattr, models, register_model, unbox
 
-WORD: Final = ir.IntType(64)
+WORD = ir.IntType(64)
 
 
 class ArrayTableType(types.Type):

@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import llvmlite
 import numba
@@ -28,7 +28,7 @@ from numba.core.serialize import dumps
 
 from skinbus.file_bytes import cache_home, write_whole
 
-SUFFIX: Final = ".kernel"
+SUFFIX = ".kernel"
 log = logging.getLogger(__name__)
 
 

@@ -6,12 +6,9 @@ import hashlib
 import re
 from functools import cache
 from pathlib import Path
-from typing import Final
 
-PACKAGE: Final = Path(__file__).resolve().parents[1]
-IMPORTS: Final = re.compile(
-    r"^[ \t]*(?:from|import) (skinbus[\w.]*)(?: import (\([^)]*\)|[^\n]*))?", re.MULTILINE
-)
+PACKAGE = Path(__file__).resolve().parents[1]
+IMPORTS = re.compile(r"^[ \t]*(?:from|import) (skinbus[\w.]*)(?: import (\([^)]*\)|[^\n]*))?", re.MULTILINE)
 
 
 @cache

@@ -164,8 +164,7 @@ class PlausibilityReport:
         self._node_ids = arm.node_id[own]
         self._tactels = [arm.tactels_of(p) for p in range(arm.n_patches)][own]
         self._map, self._count = (
-            device.image_view(od[name.object].index, 1, MAX_NODE_ID)
-            for name in (PATCH_FAULTY, PATCH_FAULTY_COUNT)
+            device.image_view(od[name].index, 1, MAX_NODE_ID) for name in (PATCH_FAULTY, PATCH_FAULTY_COUNT)
         )
         self._reported = np.zeros(arm.n_tactels, np.uint8)
         self._data: dict[int, bytes] = {}

@@ -93,9 +93,9 @@ class Network:
         self._patches = {plan.node_id: p for p, plan in enumerate(plans)}
         self._rows = np.array([plan.node_id - 1 for plan in plans], np.intp)
         od = load_eds("skin-master", device.node_id)
-        self._all, self._one = od[COMMAND.object].index, od[PATCH_COMMAND.object].index
+        self._all, self._one = od[COMMAND].index, od[PATCH_COMMAND].index
         self._states: npt.NDArray[np.uint8] = device.image_view(REQUEST_NMT, 1, REQUEST_NMT_ALL)
-        self._suspect = device.image_view(od[PATCH_SUSPECT.object].index, 1, MAX_NODE_ID)
+        self._suspect = device.image_view(od[PATCH_SUSPECT].index, 1, MAX_NODE_ID)
         self._own: NmtCommand | None = None
         self._zeroed: list[tuple[int, int]] = []
 

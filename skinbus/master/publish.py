@@ -76,14 +76,14 @@ class _Node:
         self.patches = arm.patches_on(bus)
         self.rows = arm.node_id[self.patches] - 1
 
-        def views(names: Sequence[profile.Name], n: int) -> list[npt.NDArray[Any]]:
+        def views(names: Sequence[str], n: int) -> list[npt.NDArray[Any]]:
             places = (profile.index_of(od, name) for name in names)
             return [device.image_view(index, sub or 1, n) for index, sub in places]
 
-        first = od[profile.contact(1).object].index
+        first = od[profile.contact(1)].index
         self.records = device.values.rows(first, profile.MAX_CONTACTS)
-        self.cycle = device.values.rows(od[profile.CYCLES.object].index, 1)
-        self.load = device.values.rows(od[profile.LOAD.object].index, 1)
+        self.cycle = device.values.rows(profile.index_of(od, profile.CYCLES)[0], 1)
+        self.load = device.values.rows(profile.index_of(od, profile.LOAD)[0], 1)
         self.frames = views(OF_FRAMES, 1)
         self.states = views(OF_STATES, cia.MAX_NODE_ID)
         self.patch_loads = views(OF_PATCHES, cia.MAX_NODE_ID)

@@ -1,4 +1,4 @@
-"""The robot in the master: positions from Python, contacts in its frames, objects of torques and wrenches.
+"""The robot in the master: positions from Python, contacts in its frames, their objects.
 
 Nothing of it is made for an arm without ``[robot]``.
 """
@@ -17,7 +17,6 @@ from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects import profile
 from skinbus.objects.eds import load_eds
-from skinbus.objects.pdo import tpdos
 from skinbus.robot import RobotContacts, RobotFrames
 from skinbus.robot.chain import check_positions
 from skinbus.robot.frames import to_single
@@ -25,8 +24,6 @@ from skinbus.robot.positions import JointPositions
 
 FIRST, LAST = "Base x", "Tool fz"
 """Members of a contact record that are written at once: all REAL32 and side by side, as in the EDS."""
-TORQUE_MOST = 32767.0
-"""Counts of a torque; -32768 is "not valid"."""
 OFFERED = 64
 """Positions from Python that wait for the next cycle at most: those of a loop of 1 kHz at 20 Hz."""
 
@@ -65,14 +62,14 @@ class MasterRobot:
         self._offered.append((t_ns, row))
 
     def clear(self) -> None:
-        """Write that nothing is known of the robot, and send it: there is no cycle now."""
+        """Write that nothing is known of the robot: there is no cycle now."""
         for output in self._outputs:
             output.clear()
 
     def close(self, t_ns: int, contacts: Contacts, tracks: Tracks, *, is_blind: bool) -> RobotContacts:
         """Place the contacts of the cycle of a SYNC at ``t_ns`` and write them to the objects.
 
-        ``is_blind``: no patch has answered the SYNC; that there are no torques is not known then.
+        ``is_blind``: no patch has answered the SYNC; that nothing presses is not known then.
         """
         placed = self.place(t_ns, contacts, is_blind=is_blind)
         for output in self._outputs:
@@ -92,7 +89,7 @@ class _Objects:
 
     def __init__(self, device: Device, n_joints: int) -> None:
         od = load_eds("skin-master", device.node_id)
-        records = device.values.rows(od[profile.contact(1).object].index, profile.MAX_CONTACTS)
+        records = device.values.rows(od[profile.contact(1)].index, profile.MAX_CONTACTS)
         fields: Any = records.dtype.fields
         start, end = fields[FIRST][1], fields[LAST][1] + 4
         block = np.dtype(
@@ -106,45 +103,28 @@ class _Objects:
         self._block: npt.NDArray[np.float32] = records.view(block)["block"]
         self._valid: npt.NDArray[np.uint8] = records["Robot valid"]
 
-        def view(name: profile.Name, n: int = n_joints) -> npt.NDArray[Any]:
+        def view(name: str, n: int) -> npt.NDArray[Any]:
             index, sub = profile.index_of(od, name)
             return device.image_view(index, sub or 1, n)
 
         self._n_joints = view(profile.ROBOT_JOINTS, 1)
         self._is_valid = view(profile.ROBOT_VALID, 1)
-        columns = profile.JOINT_POSITION, profile.JOINT_TORQUE, profile.JOINT_TORQUE_DEVIATION
-        self._columns = [*map(view, columns), view(profile.ROBOT_WRENCH, 6)]
-        self._counts = view(profile.JOINT_TORQUE_COUNTS)
-        od_counts = od[profile.JOINT_TORQUE_COUNTS.object].index
-        self._device = device
-        self._tpdos = [pdo.number for pdo in tpdos(od) if pdo.entries and pdo.entries[0].index == od_counts]
+        self._positions, self._wrench = view(profile.JOINT_POSITION, n_joints), view(profile.ROBOT_WRENCH, 6)
 
     def write(self, placed: RobotContacts, slots: npt.NDArray[np.int64], rows: npt.NDArray[np.int64]) -> None:
         """Write the contacts in ``rows`` to the records in ``slots``, and what all of them do."""
+        self.clear()  # a place of a contact that is not seen now would be that of another pose
         if not placed.valid:
-            self.clear()
             return
         is_seen = (rows >= 0) & (slots >= 0)
         slots = slots[is_seen]
-        self._valid[:] = 0  # a place of a contact that is not seen now would be that of another pose
         self._valid[slots] = self._is_valid[0] = 1
         self._block[slots] = placed.records()[rows[is_seen]]
-        deviation = np.sqrt(np.maximum(np.diag(placed.torque_covariance), 0.0))
-        values = placed.positions, placed.torques, deviation, placed.base_wrench
-        for column, value in zip(self._columns, values, strict=True):
-            column[:] = to_single(value)
-        self._counts[:] = np.clip(np.rint(placed.torques / profile.TORQUE_STEP), -TORQUE_MOST, TORQUE_MOST)
-        self._send()
+        self._positions[:] = to_single(placed.positions)
+        self._wrench[:] = to_single(placed.base_wrench)
 
     def clear(self) -> None:
         """Write that base and tool frame are not known."""
-        for column in (self._valid, self._is_valid, self._block, *self._columns):
+        for column in (self._valid, self._is_valid, self._block, self._positions, self._wrench):
             column[...] = 0
-        self._counts[:] = profile.TORQUE_INVALID
-        self._send()
-
-    def _send(self) -> None:
-        """Ask for the TPDOs of torques; those that no client has enabled are not sent."""
-        self._n_joints[0] = len(self._counts)
-        for number in self._tpdos:
-            self._device.transmit_tpdo(number)
+        self._n_joints[0] = len(self._positions)

@@ -18,8 +18,6 @@ from skinbus.model.patch import Patch
 from skinbus.model.robot import RobotSettings
 from skinbus.model.surface import Surface
 
-Ints = npt.NDArray[np.int32]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusSettings:
@@ -107,7 +105,7 @@ class Arm:
                 tactel_bias in Pa;
                 tactel_noise, tactel_threshold, tactel_release, tactel_zero_band,
                 tactel_zero_drift (n_tactels,) Pa
-    Per link:   link_radius, link_taper, link_period, link_length (n_links,); see ``model.surface``
+    Per link:   link_shapes (n_links, 4): radius, taper, period and length; see ``model.surface``
     """
 
     def __init__(
@@ -142,54 +140,36 @@ class Arm:
                 raise ValueError(f"a patch on link {placed.link}; wanted 0 to {len(links) - 1}")
             check_numbers("place and yaw", (placed.s, placed.a, placed.yaw), (-MOST_LENGTH, MOST_LENGTH))
 
-        self.link_radius = _column(link.surface.radius for link in links)
-        self.link_taper = _column(link.surface.taper for link in links)
-        self.link_period = _column(link.surface.period for link in links)
-        self.link_length = _column(link.surface.length for link in links)
-
         self._patch_at = {(placed.bus, placed.node_id): p for p, placed in enumerate(patches)}
         if len(self._patch_at) < len(patches):
             raise ValueError("two patches of a bus share a node-ID")
         counts = [placed.patch.n_tactels for placed in patches]
-        self.node_id = _read_only(np.array([placed.node_id for placed in patches], np.int32))
-        self.patch_bus = _read_only(np.array(numbers, np.uint8))
-        self.bus_start = _read_only(np.searchsorted(numbers, np.arange(len(self.buses) + 1)).astype(np.int32))
-        self.patch_link = _read_only(np.array([placed.link for placed in patches], np.int32))
-        self.patch_s = _column(placed.s for placed in patches)
-        self.patch_a = _column(placed.a for placed in patches)
-        self.patch_start = _read_only(np.concatenate([[0], np.cumsum(counts)]).astype(np.int32))
+        self.link_shapes = _read_only([link.surface.shape for link in links])
+        self.node_id = _read_only([placed.node_id for placed in patches], np.int32)
+        self.patch_bus = _read_only(numbers, np.uint8)
+        self.bus_start = _read_only(np.searchsorted(numbers, np.arange(len(self.buses) + 1)), np.int32)
+        self.patch_link = _read_only([placed.link for placed in patches], np.int32)
+        self.patch_s = _read_only([placed.s for placed in patches])
+        self.patch_a = _read_only([placed.a for placed in patches])
+        self.patch_start = _read_only([0, *np.cumsum(counts)], np.int32)
 
-        self.tactel_patch = _read_only(np.repeat(np.arange(len(patches), dtype=np.int32), counts))
-        self.tactel_link = _read_only(self.patch_link[self.tactel_patch])
+        self.tactel_patch = _read_only(np.repeat(np.arange(len(patches)), counts), np.int32)
+        self.tactel_link = _read_only(self.patch_link[self.tactel_patch], np.int32)
         chart = np.concatenate([_chart(self.links[p.link].surface, p) for p in patches])
-        self.tactel_s = _read_only(np.ascontiguousarray(chart[:, 0]))
-        self.tactel_a = _read_only(np.ascontiguousarray(chart[:, 1]))
-        self.tactel_gain = _spread([1.0 if p.patch.gain is None else p.patch.gain for p in patches], counts)
-        self.tactel_offset = _spread(
-            [0.0 if p.patch.offset is None else p.patch.offset for p in patches], counts
-        )
-        widths = [
-            (1.0 if p.patch.width is None else p.patch.width)
-            * (1.0 if p.on_chart is None else p.on_chart[:, 2])
-            for p in patches
-        ]
-        self.tactel_width = _spread(widths, counts)
-        bends = np.concatenate(
-            [
-                np.zeros((n, COLUMNS)) if p.on_chart is None else p.on_chart[:, 3:]
-                for p, n in zip(patches, counts, strict=True)
-            ]
-        )
-        self.tactel_bend = _read_only(bends if bends.any() else bends[:0])
-        biases = [0.0 if p.patch.bias is None else p.patch.bias for p in patches]
-        self.tactel_bias = _spread(biases, counts)
-        self.tactel_noise = _spread([p.patch.noise for p in patches], counts)
-        self.tactel_threshold = _spread([p.patch.threshold for p in patches], counts)
-        self.tactel_release = _spread([p.patch.release for p in patches], counts)
-        self.tactel_zero_band = _spread([p.patch.zero_band_or_usual for p in patches], counts)
-        self.tactel_zero_drift = _spread([p.patch.zero_drift_or_usual for p in patches], counts)
-        healthy = [1.0 if p.patch.healthy is None else p.patch.healthy for p in patches]
-        self.tactel_healthy = _read_only(_spread(healthy, counts) > 0.0)
+        self.tactel_s, self.tactel_a = map(_read_only, chart[:, :2].T)
+        self.tactel_bend = _read_only(chart[:, 3:] if chart[:, 3:].any() else chart[:0, 3:])
+
+        def column(name: str) -> Floats:
+            """Return a number of each patch, or of each of its tactels, as one column over all tactels."""
+            parts = [np.broadcast_to(getattr(p.patch, name), p.patch.n_tactels) for p in patches]
+            return _read_only(np.concatenate(parts))
+
+        self.tactel_gain, self.tactel_offset, self.tactel_bias = map(column, ("gain", "offset", "bias"))
+        self.tactel_width = _read_only(column("width") * chart[:, 2])
+        self.tactel_noise, self.tactel_healthy = column("noise"), _read_only(column("healthy"), np.bool_)
+        self.tactel_threshold, self.tactel_release = column("threshold"), column("release")
+        self.tactel_zero_band = column("zero_band_or_usual")
+        self.tactel_zero_drift = column("zero_drift_or_usual")
 
     @classmethod
     def single_patch(cls, tactels_uv: npt.ArrayLike, *, law: Law | None = None, **settings: Any) -> Self:
@@ -289,22 +269,14 @@ class Arm:
 
 
 def _chart(surface: Surface, placed: PlacedPatch) -> Floats:
-    """Return (s, a) of the tactels of a placed patch, (n_tactels, 2) m."""
+    """Return the tactels of a placed patch on its link as ``on_chart`` has them, (n_tactels, 12)."""
     if placed.on_chart is not None:
-        return placed.on_chart[:, :2]
-    return np.stack(placed.on_link(surface, placed.patch.tactels_uv), -1)
+        return placed.on_chart
+    places = np.stack(placed.on_link(surface, placed.patch.tactels_uv), -1)
+    return np.pad(np.pad(places, ((0, 0), (0, 1)), constant_values=1.0), ((0, 0), (0, COLUMNS)))
 
 
-def _read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _read_only(values: npt.ArrayLike, dtype: npt.DTypeLike = np.float64) -> npt.NDArray[Any]:
+    array = np.array(values, dtype, order="C")
     array.setflags(write=False)
     return array
-
-
-def _column(values: Any) -> Floats:
-    return _read_only(np.array(list(values), np.float64))
-
-
-def _spread(values: Sequence[Any], counts: Sequence[int]) -> Floats:
-    """Return per-patch scalars or per-tactel arrays as one column over all tactels."""
-    parts = [np.broadcast_to(np.asarray(v, np.float64), n) for v, n in zip(values, counts, strict=True)]
-    return _read_only(np.concatenate(parts))

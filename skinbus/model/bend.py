@@ -14,20 +14,18 @@ reach, the correction is cut off.
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 import numpy.typing as npt
 
 from skinbus.arrays import Floats
 from skinbus.jit import inner_kernel
 
-EXPONENTS: Final = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
+EXPONENTS = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 """Of x and y, by column of a row."""
-COLUMNS: Final = len(EXPONENTS)
-POWERS: Final = np.array([float(i + j) for i, j in EXPONENTS])
+COLUMNS = len(EXPONENTS)
+POWERS = np.array([float(i + j) for i, j in EXPONENTS])
 """Of the inverse of the length unit, by column."""
-MOST: Final = 2.0
+MOST = 2.0
 """Largest correction, and the inverse of the least: keeps what is far from looking near."""
 
 

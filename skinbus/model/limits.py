@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+
+from skinbus.arrays import Floats
 
 LEAST, MOST = 1e-30, 1e30
 """Of pressures, slopes and profiles in SI units."""
 LEAST_LENGTH, MOST_LENGTH = 1e-12, 1e9
 """m"""
-SIZE: Final = (LEAST, MOST)
-ANY: Final = (-MOST, MOST)
-LENGTH: Final = (LEAST_LENGTH, MOST_LENGTH)
+SIZE = (LEAST, MOST)
+ANY = (-MOST, MOST)
+LENGTH = (LEAST_LENGTH, MOST_LENGTH)
 
 
-def check_numbers(name: str, values: Any, limits: tuple[float, float]) -> npt.NDArray[np.float64]:
+def check_numbers(name: str, values: Any, limits: tuple[float, float]) -> Floats:
     """Return numbers as an array.
 
     Raises:

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from skinbus.arrays import Floats, Ints
+from skinbus.arrays import Bools, Floats, Ints
 from skinbus.model.surface import Surface
 
 
@@ -32,7 +32,7 @@ class MeshSurface(Surface):
     """Distance of nodes, m."""
     nodes: Floats
     """(n_s, n_a, 6) point (m) and outward normal; beyond the mesh those of the nearest place on it."""
-    on: npt.NDArray[np.bool_]
+    on: Bools
     """(n_s, n_a) whether a node is on the mesh."""
     points: Floats
     """(n, 3) m, of the whole mesh, for those who draw it."""
@@ -67,7 +67,7 @@ class MeshSurface(Surface):
         point, normal = self.position(s, a)
         return np.asarray(s), self.wrap(a), np.asarray(((wanted - point) * normal).sum(axis=1))
 
-    def contains(self, s: npt.ArrayLike, a: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    def contains(self, s: npt.ArrayLike, a: npt.ArrayLike) -> Bools:
         """Return whether places are on the mesh, to half a step of the grid."""
         i, j = (
             np.rint((np.asarray(x, float) - first) / self.step).astype(int)

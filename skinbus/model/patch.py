@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Final, Self
+from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
-from skinbus.arrays import Floats
+from skinbus.arrays import Bools, Floats
 from skinbus.model.law import Cone, Law
 from skinbus.model.limits import ANY, LENGTH, MOST, MOST_LENGTH, SIZE, check_numbers
 from skinbus.model.residual_map import ResidualMap
@@ -18,7 +17,7 @@ MAX_TACTELS = 64
 """The width of the health mask."""
 
 
-_LIMITS: Final = {
+_LIMITS = {
     **dict.fromkeys(("threshold", "release", "noise", "zero_band", "zero_drift"), (0.0, MOST)),
     **dict.fromkeys(("gain", "offset", "bias"), ANY),
     "width": SIZE,
@@ -41,14 +40,14 @@ class Patch:
     """Pressure at which a tactel counts as touched, Pa."""
     release: float = 700.0
     """Pressure below which a touched tactel counts as free again, Pa."""
-    gain: Floats | None = None
-    """(n_tactels,) factor from indicated to true pressure; None for ones."""
-    offset: Floats | None = None
-    """(n_tactels,) counts at no pressure; None for zeros."""
-    width: Floats | None = None
-    """(n_tactels,) how much wider each tactel's response is than the law; None for ones."""
-    bias: Floats | None = None
-    """(n_tactels,) Pa, what a tactel reads too much under a press beside its zero; None for zeros."""
+    gain: float | Floats = 1.0
+    """Factor from indicated to true pressure; one number, or (n_tactels,), as are those below."""
+    offset: float | Floats = 0.0
+    """Counts at no pressure."""
+    width: float | Floats = 1.0
+    """How much wider each tactel's response is than the law."""
+    bias: float | Floats = 0.0
+    """Pa, what a tactel reads too much under a press beside its zero."""
     residual_map: ResidualMap | None = None
     """What each tactel reads beside law, gain and width; None for nothing."""
     noise: float | Floats = 200.0
@@ -61,8 +60,8 @@ class Patch:
     """Standard deviation of the change of a zero in a minute, Pa; one number, or (n_tactels,).
 
     None for 0.3 touch thresholds, 0.12 % of full scale of the usual board: 0.3 % in 80 s is 2.3 of them."""
-    healthy: npt.NDArray[np.bool_] | None = None
-    """(n_tactels,) False for tactels known to be dead; None for all healthy."""
+    healthy: bool | Bools = True
+    """False for tactels known to be dead."""
 
     def __post_init__(self) -> None:
         uv = check_numbers("tactels_uv", self.tactels_uv, (-MOST_LENGTH, MOST_LENGTH))
@@ -77,8 +76,7 @@ class Patch:
                 np.broadcast_to(check_numbers(name, values, limits), len(uv))
         if self.residual_map is not None and len(self.residual_map.values) != len(uv):
             raise ValueError(f"residual_map must have a map for each of {len(uv)} tactels")
-        if self.healthy is not None:
-            np.broadcast_to(self.healthy, len(uv))
+        np.broadcast_to(self.healthy, len(uv))
 
     @property
     def zero_band_or_usual(self) -> float | Floats:

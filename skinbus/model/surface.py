@@ -70,6 +70,11 @@ class Surface:
         period = math.tau * radius
         return cls("cone", length, radius, (radius_far - radius_near) / length, period, period)
 
+    @property
+    def shape(self) -> tuple[float, float, float, float]:
+        """Radius, taper, period and length, as :func:`places_on` takes them."""
+        return self.radius, self.taper, self.period, self.length
+
     def radius_at(self, s: npt.ArrayLike) -> Floats:
         """Return the radius at s, (...,) m; 1 on a plane."""
         return np.asarray(self.radius + self.taper * (np.asarray(s, float) - 0.5 * self.length))
@@ -118,7 +123,7 @@ class Surface:
 
     def position(self, s: npt.ArrayLike, a: npt.ArrayLike) -> tuple[Floats, Floats]:
         """Return points (..., 3) m and outward unit normals (..., 3) in the link frame."""
-        return places_on((self.radius, self.taper, self.period, self.length), s, a)
+        return places_on(self.shape, s, a)
 
     def project(self, points: npt.ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Return (s, a) of the nearest points of the surface and heights over it, (n,) m, of (n, 3) m."""

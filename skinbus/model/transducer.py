@@ -7,14 +7,14 @@ whatever the resolution of the converter behind them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats, Ints32
 from skinbus.model.limits import SIZE, check_numbers
 
-USUAL_BITS: Final = 12
+USUAL_BITS = 12
 """Of the converters inside common microcontrollers, sign included."""
 
 
@@ -68,11 +68,11 @@ class Transducer:
         """Pressure from one value of the converter to the next, Pa."""
         return self.step * self.converter_counts
 
-    def pressure(self, counts: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def pressure(self, counts: npt.ArrayLike) -> Floats:
         """Return the pressures of counts, (...,) Pa."""
         return np.asarray(counts, np.float64) * self.step
 
-    def counts(self, pressure: npt.ArrayLike) -> npt.NDArray[np.int32]:
+    def counts(self, pressure: npt.ArrayLike) -> Ints32:
         """Return the nearest readings of pressures (Pa), clipped to the range; NaN reads as 0."""
         values = np.rint(np.nan_to_num(np.asarray(pressure, np.float64) / self.resolution, nan=0.0))
         counts = np.clip(values * self.converter_counts, -self.full_counts - 1, self.top_counts)

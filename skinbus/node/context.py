@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
+from skinbus.can.core import NEVER
 from skinbus.can.event import Event, EventKind
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.can.frame import LONG, Frame
+from skinbus.node.dictionary import Dictionary
 from skinbus.node.values import Values
 from skinbus.objects.cia import NmtState
+
+if TYPE_CHECKING:
+    from skinbus.node.emcy import EmcyService
 
 Handler = Callable[[Frame], None]
 
@@ -21,10 +27,15 @@ _make_frame = tuple.__new__  # half the time of Frame(...); this is the innermos
 class Context:
     """Written by the device before it calls a service; services add frames and events."""
 
-    __slots__ = ("dropped", "events", "node_id", "now_ns", "out", "state", "values")
+    emcy: EmcyService
+    listen: Callable[[], None]
+    """To be called when what a service listens to may have changed."""
+    on_loss: Callable[[], None]
+    """Called when a heartbeat or guarding is lost."""
 
     def __init__(self, values: Values, node_id: int) -> None:
         self.values = values
+        self.dictionary = Dictionary(values)
         self.node_id = node_id
         self.state = NmtState.INITIALISING
         self.now_ns = 0
@@ -46,3 +57,16 @@ class Context:
         """Count a frame that broke a rule; nothing else changes."""
         self.dropped += 1
         self.report(EventKind.DROPPED, f"0x{frame.can_id:03X} [{len(frame.data)}]: {reason}")
+
+
+class Part:
+    """A service of a device."""
+
+    wake_ns = NEVER
+    """When it has something to do, ns."""
+
+    def __init__(self, context: Context) -> None:
+        self.context = context
+        self.values = context.values
+        self.dictionary = context.dictionary
+        self.emcy = context.emcy

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import canopen
@@ -13,10 +13,10 @@ from skinbus.can.event import EventKind
 from skinbus.can.frame import REMOTE_ID, RTR, Frame
 from skinbus.errors import LocalProtocolError
 from skinbus.node.context import Context, Handler
-from skinbus.node.dictionary import Dictionary, WriteHook
+from skinbus.node.dictionary import WriteHook
 from skinbus.node.emcy import EmcyService
 from skinbus.node.heartbeat import HeartbeatProducer
-from skinbus.node.heartbeat_consumer import HeartbeatConsumer, Watched
+from skinbus.node.heartbeat_consumer import HeartbeatConsumer
 from skinbus.node.layout import ImageLayout
 from skinbus.node.lss import UNCONFIGURED, LssSlave
 from skinbus.node.nmt import SERVICES, TRANSITIONS, Service, command_for
@@ -89,27 +89,25 @@ class Device(Core):
         self.on_sync: Callable[[int, int], None] | None = None
         self.on_nmt: Callable[[NmtState], None] | None = None
         self._context = context = Context(self.values, node_id)
-        self._dictionary = dictionary = Dictionary(self.values)
-        self._emcy = EmcyService(context, dictionary)
-        self._heartbeat = HeartbeatProducer(context, dictionary)
-        self._consumer = HeartbeatConsumer(context, dictionary, self._emcy, self.communication_error)
-        self._guarding = NodeGuarding(context, dictionary, self._emcy, self.communication_error)
-        self._sdo = SdoServer(context, dictionary)
-        self._rpdo = RpdoService(context, dictionary, self._emcy, lambda: self._sync.in_window())
-        self._tpdo = TpdoService(context, dictionary, self._emcy)
-        self._triggers = AnalogueTriggers(context, dictionary, self._tpdo.pdos, self._tpdo.request)
-        self._sync = SyncService(context, dictionary, self._emcy, self._synchronise)
-        self._storage = StorageService(context, dictionary, storage)
-        self._verify = VerifyService(context, dictionary)
+        context.listen, context.on_loss = self._listen, self.communication_error
+        self._emcy = context.emcy = EmcyService(context)
+        self._heartbeat = HeartbeatProducer(context)
+        self._consumer = HeartbeatConsumer(context)
+        self._guarding = NodeGuarding(context)
+        self._sdo = SdoServer(context)
+        self._sync = SyncService(context, self._synchronise)
+        self._rpdo = RpdoService(context, self._sync.in_window)
+        self._tpdo = TpdoService(context)
+        self._triggers = AnalogueTriggers(context, self._tpdo)
+        self._storage = StorageService(context, storage)
+        self._verify = VerifyService(context)
         self.sample_status = SampleStatus(0)
         """What the host says of the readings in its image; the device adds what it finds itself."""
         self._stamp = SampleStamp(context) if SampleStamp.fits(od) else None
-        info = od.device_information
-        bit_rates = frozenset(info.allowed_baudrates)
-        self._lss = LssSlave(context, self._storage, bit_rates, self._reset) if info.LSS_supported else None
+        has_lss = od.device_information.LSS_supported
+        self._lss = LssSlave(context, self._storage, self._reset) if has_lss else None
         self._tpdo.on_change = self._triggers.configure
         self._tpdo.on_sent = self._triggers.sent
-        self._sync.on_change = self._rpdo.on_change = self._consumer.on_change = self._listen
         services = (self._sync, self._sdo, self._rpdo, self._guarding, self._consumer, self._lss)
         self._listeners = tuple(service for service in services if service is not None)
         self._timed = (
@@ -148,16 +146,11 @@ class Device(Core):
     @property
     def on_write(self) -> WriteHook | None:
         """Called with (index, sub, value) before a write from the bus is stored."""
-        return self._dictionary.on_write
+        return self._context.dictionary.on_write
 
     @on_write.setter
     def on_write(self, hook: WriteHook | None) -> None:
-        self._dictionary.on_write = hook
-
-    @property
-    def watched(self) -> Mapping[int, Watched]:
-        """The nodes that 0x1016 names, and what is known of each."""
-        return self._consumer.nodes
+        self._context.dictionary.on_write = hook
 
     @property
     def runs_freely(self) -> bool:
@@ -171,7 +164,7 @@ class Device(Core):
     def set(self, index: int, sub: int, value: Any) -> None:
         """Set a value as the device's own program does: no access rights or limits; services are notified."""
         self.values.put(index, sub, value)
-        self._dictionary.changed(index, sub)
+        self._context.dictionary.changed(index, sub)
 
     def image_view(self, index: int, sub: int, n: int) -> npt.NDArray[Any]:
         """A live view of ``n`` entries from ``sub`` on; see ``Values.view``."""

@@ -9,15 +9,13 @@ from __future__ import annotations
 import struct
 from collections import deque
 from collections.abc import Sequence
-from typing import Final
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.node.context import NS_PER_100US, Context
-from skinbus.node.dictionary import Dictionary, SdoAbort
+from skinbus.node.dictionary import SdoAbort
 from skinbus.node.nmt import SERVICES, Service
 from skinbus.objects.cia import (
-    COB_ID_EXTENDED,
     COB_ID_INVALID,
     COB_ID_MASK_11,
     EMCY_COB_ID,
@@ -40,7 +38,7 @@ DATA_LENGTH = 5
 MESSAGE = struct.Struct("<HB5s")
 
 # First byte of the code -> bit of the register that CiA 301 table 26 gives it; the generic bit is always set.
-REGISTER_BITS: Final[dict[int, ErrorRegister]] = {
+REGISTER_BITS: dict[int, ErrorRegister] = {
     0x2: ErrorRegister.CURRENT,
     0x3: ErrorRegister.VOLTAGE,
     0x4: ErrorRegister.TEMPERATURE,
@@ -52,9 +50,8 @@ REGISTER_BITS: Final[dict[int, ErrorRegister]] = {
 class EmcyService:
     """Keeps 0x1001, 0x1003 and the messages in step."""
 
-    def __init__(self, context: Context, dictionary: Dictionary) -> None:
-        self.context = context
-        self.values = context.values
+    def __init__(self, context: Context) -> None:
+        self.context, self.values, dictionary = context, context.values, context.dictionary
         self.wake_ns = NEVER
         self._active: dict[tuple[int, bytes], int] = {}
         self._waiting: deque[bytes] = deque(maxlen=MAX_WAITING)
@@ -155,9 +152,8 @@ class EmcyService:
     def _check_cob_id(self, sub: int, data: bytes) -> None:
         """CiA 301, 7.5.2.17: the identifier of a valid EMCY stays, and is no other service's nor extended."""
         value, old = int.from_bytes(data, "little"), self.values.number(EMCY_COB_ID, 0)
-        if value & ~(COB_ID_INVALID | COB_ID_MASK_11) or value & COB_ID_EXTENDED:
-            raise SdoAbort(AbortCode.VALUE_INVALID)
-        if not value & COB_ID_INVALID and restricted(value):
-            raise SdoAbort(AbortCode.VALUE_INVALID)
-        if not (old | value) & COB_ID_INVALID and value != old:
+        is_wrong = value & ~(COB_ID_INVALID | COB_ID_MASK_11)
+        if not value & COB_ID_INVALID:
+            is_wrong |= restricted(value) or (not old & COB_ID_INVALID and value != old)
+        if is_wrong:
             raise SdoAbort(AbortCode.VALUE_INVALID)

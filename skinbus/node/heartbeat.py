@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from skinbus.can.core import NEVER
-from skinbus.node.context import NS_PER_MS, Context
-from skinbus.node.dictionary import Dictionary
+from skinbus.node.context import NS_PER_MS, Context, Part
 from skinbus.objects.cia import HEARTBEAT_BASE, HEARTBEAT_PRODUCER, NmtState
 
 
-class HeartbeatProducer:
+class HeartbeatProducer(Part):
     """Says that this device lives, and in which state."""
 
-    def __init__(self, context: Context, dictionary: Dictionary) -> None:
-        self.context = context
-        self.wake_ns = NEVER
-        self._period_ns = 0
-        dictionary.watchers[HEARTBEAT_PRODUCER] = self._changed
+    _period_ns = 0
+
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self.dictionary.watchers[HEARTBEAT_PRODUCER] = self._changed
 
     def boot_up(self) -> None:
         """Send the boot-up message, which is the first heartbeat (CiA 301, 7.2.8.3.2.2)."""
@@ -42,7 +41,7 @@ class HeartbeatProducer:
             self.wake_ns = self.context.now_ns if self._period_ns else NEVER
 
     def _read(self) -> int:
-        return self.context.values.number(HEARTBEAT_PRODUCER, 0) * NS_PER_MS
+        return self.values.number(HEARTBEAT_PRODUCER, 0) * NS_PER_MS
 
     def _send(self) -> None:
         self.context.send(HEARTBEAT_BASE + self.context.node_id, bytes((self.context.state,)))

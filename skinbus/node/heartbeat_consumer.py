@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
@@ -10,9 +9,8 @@ from functools import partial
 from skinbus.can.core import NEVER
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
-from skinbus.node.context import NS_PER_MS, Context, Handler
-from skinbus.node.dictionary import Dictionary, SdoAbort
-from skinbus.node.emcy import EmcyService
+from skinbus.node.context import NS_PER_MS, Context, Handler, Part
+from skinbus.node.dictionary import SdoAbort
 from skinbus.node.nmt import Service
 from skinbus.objects.cia import HEARTBEAT_BASE, HEARTBEAT_CONSUMER, MAX_NODE_ID, AbortCode, EmcyCode, NmtState
 
@@ -38,7 +36,7 @@ class Watched:
     due_ns: int = NEVER
 
 
-class HeartbeatConsumer:
+class HeartbeatConsumer(Part):
     """Reports ``boot_up``, ``node_state``, ``heartbeat_lost`` and ``heartbeat_back`` of the watched nodes.
 
     A loss is an error of this device (0x8130, with the node-ID as data) until a heartbeat or boot-up comes.
@@ -46,23 +44,12 @@ class HeartbeatConsumer:
 
     kind = Service.ERROR_CONTROL
 
-    def __init__(
-        self,
-        context: Context,
-        dictionary: Dictionary,
-        emcy: EmcyService,
-        on_loss: Callable[[], None],
-    ) -> None:
-        self.context = context
-        self.emcy = emcy
-        self.on_loss = on_loss
-        self.wake_ns = NEVER
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
         self.nodes: dict[int, Watched] = {}
-        self.on_change: Callable[[], None] = lambda: None
-        """Called when the set of watched nodes has changed."""
-        self._subs = dictionary.layout.subs(HEARTBEAT_CONSUMER)
-        dictionary.rules[HEARTBEAT_CONSUMER] = self._check
-        dictionary.watchers[HEARTBEAT_CONSUMER] = self._changed
+        self._subs = self.dictionary.layout.subs(HEARTBEAT_CONSUMER)
+        self.dictionary.rules[HEARTBEAT_CONSUMER] = self._check
+        self.dictionary.watchers[HEARTBEAT_CONSUMER] = self._changed
 
     def configure(self) -> None:
         """Take over 0x1016, as after a reset: all nodes are unknown."""
@@ -86,7 +73,7 @@ class HeartbeatConsumer:
                 lost = True
             self.wake_ns = min(self.wake_ns, node.due_ns)
         if lost:
-            self.on_loss()
+            self.context.on_loss()
 
     def _receive(self, node: Watched, frame: Frame) -> None:
         state = NODE_STATES.get(frame.data[0] & 0x7F) if len(frame.data) == 1 else None
@@ -112,7 +99,7 @@ class HeartbeatConsumer:
     def _read(self) -> dict[int, Watched]:
         nodes = {}
         for sub in self._subs:
-            node_id, time_ms = _split(self.context.values.number(HEARTBEAT_CONSUMER, sub))
+            node_id, time_ms = _split(self.values.number(HEARTBEAT_CONSUMER, sub))
             if node_id:
                 nodes[node_id] = Watched(node_id, time_ms * NS_PER_MS)
         return nodes
@@ -126,7 +113,7 @@ class HeartbeatConsumer:
             elif old.watch is Watch.LOST:
                 self.emcy.clear_error(EmcyCode.HEARTBEAT, bytes((node_id,)))
         self.nodes = nodes
-        self.on_change()
+        self.context.listen()
 
     def _check(self, sub: int, data: bytes) -> None:
         """CiA 301, 7.5.2.18: no node twice."""
@@ -135,7 +122,7 @@ class HeartbeatConsumer:
         if sub == 0 or value >> 24:
             raise SdoAbort(AbortCode.READ_ONLY if sub == 0 else AbortCode.VALUE_INVALID)
         for other in self._subs:
-            taken, _ = _split(self.context.values.number(HEARTBEAT_CONSUMER, other))
+            taken, _ = _split(self.values.number(HEARTBEAT_CONSUMER, other))
             if node_id and other != sub and taken == node_id:
                 raise SdoAbort(AbortCode.INCOMPATIBLE)
 

@@ -10,11 +10,11 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from heapq import heappop, heappush
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from skinbus.arrays import Bools, Ints, Ints32
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event
 from skinbus.can.frame import REMOTE_ID, RTR, Frame
@@ -26,15 +26,15 @@ from skinbus.objects.profile import AGE_STEP_NS, HEALTHY_TACTELS, SAMPLE_AGE, ha
 class Sample(NamedTuple):
     """What all patches of a host read, one after the other in the order of its devices."""
 
-    counts: npt.NDArray[np.int32]
+    counts: Ints32
     """(n_tactels,) left-adjusted."""
-    t_ns: npt.NDArray[np.int64]
+    t_ns: Ints
     """(n_patches,) when each was sampled."""
-    healthy: npt.NDArray[np.bool_]
+    healthy: Bools
     """(n_tactels,) False where the count means nothing; a patch without any has stopped."""
 
 
-SCAN_NS: Final = 1_000_000
+SCAN_NS = 1_000_000
 """From one look at the readings of patches that run freely to the next."""
 
 Source = Callable[[int], Sample]
@@ -176,7 +176,7 @@ class PatchHost(Core):
         self._counts = counts
         return changed
 
-    def _judge(self, now_ns: int, healthy: npt.NDArray[np.bool_]) -> None:
+    def _judge(self, now_ns: int, healthy: Bools) -> None:
         """Report the patches of which tactels are no longer healthy, or are again."""
         (changed,) = np.nonzero(healthy != self._healthy)
         self._healthy = healthy

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import canopen
 import numpy as np
@@ -27,7 +27,7 @@ OUTSIDE = -1
 FIRST_OBJECT = 0x1000
 """Below are data types, which PDOs may map as dummies but nobody can read."""
 
-NUMPY_TYPES: Final[dict[int, str]] = {
+NUMPY_TYPES: dict[int, str] = {
     datatypes.BOOLEAN: "u1",
     datatypes.INTEGER8: "i1",
     datatypes.INTEGER16: "<i2",

@@ -8,7 +8,7 @@ from enum import Enum, IntEnum
 
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
-from skinbus.node.context import Context, Handler
+from skinbus.node.context import Context, Handler, Part
 from skinbus.node.nmt import Service
 from skinbus.node.storage import LSS, StorageService
 from skinbus.objects.cia import BIT_RATES, IDENTITY, LSS_MASTER_ID, LSS_SLAVE_ID, MAX_NODE_ID
@@ -74,21 +74,15 @@ def lss_request(command: int, data: bytes = b"") -> Frame:
     return Frame(LSS_MASTER_ID, (bytes([command]) + data).ljust(FRAME_LENGTH, b"\0"))
 
 
-class LssSlave:
+class LssSlave(Part):
     """Answers the LSS master; a node-ID takes effect with a reset, at once on an unconfigured node."""
 
     kind = Service.LSS
 
-    def __init__(
-        self,
-        context: Context,
-        storage: StorageService,
-        bit_rates: frozenset[int],
-        on_configured: Callable[[], None],
-    ) -> None:
-        self.context = context
+    def __init__(self, context: Context, storage: StorageService, on_configured: Callable[[], None]) -> None:
+        super().__init__(context)
         self.storage = storage
-        self.bit_rates = bit_rates
+        self.bit_rates = frozenset(self.dictionary.layout.od.device_information.allowed_baudrates)
         self.on_configured = on_configured
         self.mode = Mode.WAITING
         self.pending_node_id = context.node_id
@@ -156,7 +150,7 @@ class LssSlave:
 
     def _identity(self, i: int) -> int:
         """Vendor, product, revision or serial number (0-3)."""
-        return self.context.values.number(IDENTITY, 1 + i)
+        return self.values.number(IDENTITY, 1 + i)
 
     def _answer(self, command: int, data: bytes = b"") -> None:
         self.context.send(LSS_SLAVE_ID, (bytes((command,)) + data).ljust(FRAME_LENGTH, b"\0"))
@@ -221,14 +215,14 @@ class LssSlave:
         good = 1 <= data[1] <= MAX_NODE_ID or data[1] == UNCONFIGURED
         if good:
             self.pending_node_id = data[1]
-        self._answer(Lss.CONFIGURE_NODE_ID, bytes((OK if good else OUT_OF_RANGE, 0)))
+        self._answer(data[0], bytes((OK if good else OUT_OF_RANGE, 0)))
 
     def _configure_bit_timing(self, data: bytes) -> None:
         rate = BIT_RATES.get(data[2]) if data[1] == STANDARD_TABLE else None
         good = rate is not None and rate in self.bit_rates
         if good:
             self.pending_bit_rate = rate
-        self._answer(Lss.CONFIGURE_BIT_TIMING, bytes((OK if good else OUT_OF_RANGE, 0)))
+        self._answer(data[0], bytes((OK if good else OUT_OF_RANGE, 0)))
 
     def _activate_bit_timing(self, data: bytes) -> None:
         """The host owns the interface: it waits the delay, switches, and waits the delay again."""
@@ -243,10 +237,10 @@ class LssSlave:
         except OSError as fault:
             self.context.report(EventKind.STORAGE, f"{LSS}: {fault}")
             error = STORE_NOT_SUPPORTED if self.storage.storage is None else STORE_FAILED
-        self._answer(Lss.STORE, bytes((error, 0)))
+        self._answer(data[0], bytes((error, 0)))
 
     def _inquire_identity(self, data: bytes) -> None:
         self._answer(data[0], _NUMBER.pack(self._identity(data[0] - Lss.INQUIRE_VENDOR)))
 
     def _inquire_node_id(self, data: bytes) -> None:
-        self._answer(Lss.INQUIRE_NODE_ID, bytes((self.context.node_id,)))
+        self._answer(data[0], bytes((self.context.node_id,)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
 
 from canopen.objectdictionary import datatypes
 
@@ -16,7 +15,7 @@ from skinbus.objects.pdo import PdoMap, split_mapping
 MAX_ENTRIES = 64
 
 # Data types whose index may be mapped in an RPDO to skip their length (CiA 301, 7.4.7.1).
-DUMMY_BITS: Final[dict[int, int]] = {
+DUMMY_BITS: dict[int, int] = {
     datatypes.BOOLEAN: 1,
     datatypes.INTEGER8: 8,
     datatypes.INTEGER16: 16,

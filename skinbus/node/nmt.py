@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from enum import Enum, auto
-from typing import Final
 
 from skinbus.can.frame import Frame
 from skinbus.objects.cia import NMT_COMMAND_ID, NmtCommand, NmtState
@@ -22,7 +21,7 @@ class Service(Enum):
 
 
 # CiA 301, 7.3.2.2.5. LSS is kept out of OPERATIONAL: nobody renames a node that moves an arm.
-SERVICES: Final[dict[NmtState, frozenset[Service]]] = {
+SERVICES: dict[NmtState, frozenset[Service]] = {
     NmtState.INITIALISING: frozenset({Service.LSS}),
     NmtState.PRE_OPERATIONAL: frozenset(
         {Service.NMT, Service.ERROR_CONTROL, Service.SDO, Service.SYNC, Service.EMCY, Service.LSS}
@@ -35,7 +34,7 @@ SERVICES: Final[dict[NmtState, frozenset[Service]]] = {
 
 # CiA 301, 7.3.2.2, figure 48: from every state of a running node the five commands lead to one state each;
 # the two resets pass through INITIALISING and end by themselves in PRE-OPERATIONAL with a boot-up message.
-TRANSITIONS: Final[dict[NmtCommand, NmtState]] = {
+TRANSITIONS: dict[NmtCommand, NmtState] = {
     NmtCommand.START: NmtState.OPERATIONAL,
     NmtCommand.STOP: NmtState.STOPPED,
     NmtCommand.PRE_OPERATIONAL: NmtState.PRE_OPERATIONAL,

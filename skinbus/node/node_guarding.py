@@ -5,14 +5,10 @@ Source: CiA 301, 7.2.8.2.2 and 7.2.8.3.2.1. A device whose heartbeat runs (0x101
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from skinbus.can.core import NEVER
 from skinbus.can.event import EventKind
 from skinbus.can.frame import REMOTE_ID, Frame
-from skinbus.node.context import NS_PER_MS, Context, Handler
-from skinbus.node.dictionary import Dictionary
-from skinbus.node.emcy import EmcyService
+from skinbus.node.context import NS_PER_MS, Context, Handler, Part
 from skinbus.node.nmt import Service
 from skinbus.objects.cia import (
     GUARD_TIME,
@@ -25,24 +21,17 @@ from skinbus.objects.cia import (
 TOGGLE = 0x80
 
 
-class NodeGuarding:
+class NodeGuarding(Part):
     """Answers the guarding of a master, and reports when it ends (0x100C times 0x100D)."""
 
     kind = Service.ERROR_CONTROL
 
-    def __init__(
-        self, context: Context, dictionary: Dictionary, emcy: EmcyService, on_loss: Callable[[], None]
-    ) -> None:
-        self.context = context
-        self.values = context.values
-        self.emcy = emcy
-        self.on_loss = on_loss
-        self.wake_ns = NEVER
-        self._toggle = 0
-        self._is_present = GUARD_TIME in dictionary.layout.indices
-        self._is_lost = False
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self._is_present = GUARD_TIME in self.dictionary.layout.indices
+        self.reset()
         for index in (GUARD_TIME, LIFE_TIME_FACTOR):
-            dictionary.watchers[index] = self._changed
+            self.dictionary.watchers[index] = self._changed
 
     def reset(self) -> None:
         """Begin anew: the first answer after a boot has the bit cleared, and no life time runs until then."""
@@ -61,7 +50,7 @@ class NodeGuarding:
             self._is_lost = True
             self.context.report(EventKind.GUARDING_LOST)
             self.emcy.raise_error(EmcyCode.HEARTBEAT)
-            self.on_loss()
+            self.context.on_loss()
 
     def _answer(self, frame: Frame) -> None:
         if self.values.number(HEARTBEAT_PRODUCER, 0):

@@ -9,7 +9,6 @@ from skinbus.node.layout import key_of
 from skinbus.node.mapping import check_count, check_entry
 from skinbus.node.values import Values
 from skinbus.objects.cia import (
-    COB_ID_EXTENDED,
     COB_ID_INVALID,
     COB_ID_MASK_11,
     COB_ID_NO_RTR,
@@ -99,22 +98,14 @@ class PdoRules:
         elif value:
             check_entry(self.values.layout, value, transmit=self.transmit)
 
-    def _delivered(self) -> int:
-        """Return the COB-ID at power-on."""
-        entry = self.values.layout.entries[key_of(self.communication, PDO_COB_ID)]
-        return int.from_bytes(entry.default or b"", "little")
-
     def _check_cob_id(self, value: int) -> None:
-        if value & COB_ID_EXTENDED or value & ~(
-            COB_ID_INVALID | COB_ID_NO_RTR | COB_ID_EXTENDED | COB_ID_MASK_11
-        ):
-            raise SdoAbort(AbortCode.VALUE_INVALID)
-        if self.transmit and not (value | ~self._delivered()) & COB_ID_NO_RTR:
-            raise SdoAbort(AbortCode.VALUE_INVALID)  # a device of others may allow RTR as delivered
-        if value & COB_ID_INVALID:
-            return
-        old = self.values.number(self.communication, PDO_COB_ID, COB_ID_INVALID)
-        if not old & COB_ID_INVALID and (old ^ value) & COB_ID_MASK_11:
-            raise SdoAbort(AbortCode.VALUE_INVALID)
-        if restricted(value & COB_ID_MASK_11):
+        is_wrong = value & ~(COB_ID_INVALID | COB_ID_NO_RTR | COB_ID_MASK_11)
+        if self.transmit and not value & COB_ID_NO_RTR:  # a device of others may allow RTR as delivered
+            entry = self.values.layout.entries[key_of(self.communication, PDO_COB_ID)]
+            is_wrong |= int.from_bytes(entry.default or b"", "little") & COB_ID_NO_RTR
+        if not value & COB_ID_INVALID:
+            old = self.values.number(self.communication, PDO_COB_ID, COB_ID_INVALID)
+            is_other = not old & COB_ID_INVALID and (old ^ value) & COB_ID_MASK_11
+            is_wrong |= is_other or restricted(value & COB_ID_MASK_11)
+        if is_wrong:
             raise SdoAbort(AbortCode.VALUE_INVALID)

@@ -8,9 +8,8 @@ from functools import partial
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
-from skinbus.node.context import NS_PER_MS, Context, Handler
-from skinbus.node.dictionary import Dictionary, SdoAbort
-from skinbus.node.emcy import EmcyService
+from skinbus.node.context import NS_PER_MS, Context, Handler, Part
+from skinbus.node.dictionary import SdoAbort
 from skinbus.node.mapping import unpack
 from skinbus.node.nmt import Service
 from skinbus.node.pdo_rules import PdoRules
@@ -39,31 +38,20 @@ class Rpdo:
         return self.map.cob_id.to_bytes(2, "little")
 
 
-class RpdoService:
+class RpdoService(Part):
     """All RPDOs of a device."""
 
     kind = Service.PDO
 
-    def __init__(
-        self,
-        context: Context,
-        dictionary: Dictionary,
-        emcy: EmcyService,
-        in_window: Callable[[], bool],
-    ) -> None:
+    def __init__(self, context: Context, in_window: Callable[[], bool]) -> None:
         """``in_window``: whether synchronous RPDOs are taken now (0x1007)."""
-        self.context = context
+        super().__init__(context)
         self.in_window = in_window
-        self.dictionary = dictionary
-        self.emcy = emcy
-        self.wake_ns = NEVER
         self.pdos: dict[int, Rpdo] = {}
-        self.on_change: Callable[[], None] = lambda: None
-        """Called when an identifier may have changed."""
-        for number in pdo_numbers(dictionary.layout.od, Direction.RPDO):
-            rules = PdoRules(context.values, Direction.RPDO, number)
+        for number in pdo_numbers(self.dictionary.layout.od, Direction.RPDO):
+            rules = PdoRules(self.values, Direction.RPDO, number)
             self.pdos[number] = Rpdo(
-                number, rules, rules.register(dictionary, partial(self._changed, number))
+                number, rules, rules.register(self.dictionary, partial(self._changed, number))
             )
 
     def configure(self) -> None:
@@ -138,7 +126,7 @@ class RpdoService:
             self.context.drop(Frame(pdo.map.cob_id, data), f"RPDO {pdo.number} holds a value out of range")
             return
         for entry, value in parts:
-            self.context.values.store(entry, value)
+            self.values.store(entry, value)
             self.dictionary.changed(entry.index, entry.sub)
 
     def _changed(self, number: int, sub: int) -> None:
@@ -152,4 +140,4 @@ class RpdoService:
         if was_valid and not pdo.map.valid:  # nothing will come that could end them
             self.emcy.clear_error(EmcyCode.PDO_LENGTH, tag)
             self.emcy.clear_error(EmcyCode.PDO_LENGTH_EXCEEDED, tag)
-        self.on_change()
+        self.context.listen()

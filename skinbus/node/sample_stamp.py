@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import canopen
 
 from skinbus.node.context import Context
 from skinbus.node.layout import key_of
 from skinbus.objects.cia import ERROR_REGISTER
-from skinbus.objects.profile import SAMPLE_COUNTER, SAMPLE_STATUS, SampleStatus, index_of
+from skinbus.objects.profile import SAMPLE_COUNTER, SAMPLE_STATUS, SampleStatus, has, index_of
 
 
 class SampleStamp:
@@ -18,7 +16,7 @@ class SampleStamp:
     def __init__(self, context: Context) -> None:
         self.values = context.values
         table = context.values.layout
-        self._at: Final = [
+        self._at = [
             table.entries[key_of(*index_of(table.od, name))].offset
             for name in (SAMPLE_COUNTER, SAMPLE_STATUS)
         ]
@@ -26,7 +24,7 @@ class SampleStamp:
     @staticmethod
     def fits(od: canopen.ObjectDictionary) -> bool:
         """Return whether a dictionary has the objects."""
-        return SAMPLE_COUNTER.object in od.names
+        return has(od, SAMPLE_COUNTER)
 
     def write(self, counter: int, status: SampleStatus) -> None:
         """Stamp the sample of a SYNC; one that is older is of no SYNC, its counter is 0."""

@@ -12,8 +12,8 @@ from collections.abc import Callable, Generator, Sequence
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
-from skinbus.node.context import Context, Handler
-from skinbus.node.dictionary import MAX_LENGTH, Dictionary, SdoAbort
+from skinbus.node.context import Context, Handler, Part
+from skinbus.node.dictionary import MAX_LENGTH, SdoAbort
 from skinbus.node.nmt import Service
 from skinbus.objects.cia import SDO_CLIENT_BASE, SDO_SERVER, SDO_SERVER_BASE, AbortCode
 
@@ -62,14 +62,13 @@ Transfer = Generator[tuple[Sequence[bytes], Request], bytes, Sequence[bytes]]
 """It is sent a request, or nothing, b"", when the next burst is due."""
 
 
-class SdoServer:
+class SdoServer(Part):
     """Answers the default SDO channel of a device (0x1200)."""
 
     kind = Service.SDO
 
-    def __init__(self, context: Context, dictionary: Dictionary) -> None:
-        self.context = context
-        self.dictionary = dictionary
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
         self._index = self._sub = 0
         self._starts: dict[int, Callable[[bytes], Transfer]] = {
             DOWNLOAD: self._download,
@@ -87,8 +86,8 @@ class SdoServer:
 
     def handlers(self) -> dict[int, Handler]:
         """What this service listens to."""
-        rx = self.context.values.number(SDO_SERVER, 1, SDO_CLIENT_BASE + self.context.node_id)
-        self._tx = self.context.values.number(SDO_SERVER, 2, SDO_SERVER_BASE + self.context.node_id)
+        rx = self.values.number(SDO_SERVER, 1, SDO_CLIENT_BASE + self.context.node_id)
+        self._tx = self.values.number(SDO_SERVER, 2, SDO_SERVER_BASE + self.context.node_id)
         return {rx: self.receive}
 
     def receive(self, frame: Frame) -> None:
@@ -160,14 +159,15 @@ class SdoServer:
             self.dictionary.write(self._index, self._sub, data[4 : 4 + length])
             return [answer]
         announced = number if command & SIZE_GIVEN else None
-        self.dictionary.admit(self._index, self._sub, announced)
+        entry = self.dictionary.admit(self._index, self._sub, announced)
+        most = (entry.size or MAX_LENGTH) if announced is None else announced
         came, toggle = bytearray(), 0
         while True:
             segment = yield [answer], DOWNLOAD_SEGMENT
             toggle = next_toggle(segment, toggle)
             came += segment[1 : 8 - (segment[0] >> 1 & 7)]
-            if len(came) > (MAX_LENGTH if announced is None else announced):
-                raise SdoAbort(AbortCode.MEMORY if announced is None else AbortCode.LENGTH_HIGH)
+            if len(came) > most:
+                raise SdoAbort(AbortCode.LENGTH_HIGH)
             answer = bytes((0x20 | segment[0] & TOGGLE,)) + bytes(7)
             if segment[0] & LAST_SEGMENT:
                 if announced is not None and len(came) < announced:

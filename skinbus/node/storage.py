@@ -7,13 +7,12 @@ device it belongs to and over a checksum. What does not fit is not loaded, and i
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, MutableMapping
 from functools import partial
-from typing import Final, Protocol
 
 from skinbus.can.event import EventKind
-from skinbus.node.context import Context
-from skinbus.node.dictionary import Dictionary, SdoAbort
+from skinbus.node.context import Context, Part
+from skinbus.node.dictionary import SdoAbort
 from skinbus.node.layout import ImageEntry, key_of
 from skinbus.objects.cia import (
     ERROR_HISTORY,
@@ -41,12 +40,12 @@ MANUFACTURER = "manufacturer"
 LSS = "lss"
 
 # CiA 301, 7.4.1: the areas of the dictionary.
-AREAS: Final[dict[str, range]] = {
+AREAS: dict[str, range] = {
     COMMUNICATION: range(0x1000, 0x2000),
     MANUFACTURER: range(0x2000, 0x6000),
     APPLICATION: range(0x6000, 0xA000),
 }
-GROUPS: Final[dict[int, tuple[str, ...]]] = {
+GROUPS: dict[int, tuple[str, ...]] = {
     STORE_ALL: (COMMUNICATION, APPLICATION, MANUFACTURER),
     STORE_COMMUNICATION: (COMMUNICATION,),
     STORE_APPLICATION: (APPLICATION,),
@@ -69,46 +68,17 @@ def is_parameter(entry: ImageEntry) -> bool:
     return entry.writable and entry.readable and entry.index not in NOT_PARAMETERS
 
 
-class Storage(Protocol):
-    """Where a device keeps text over a power cycle; OSError where it cannot."""
-
-    def load(self, group: str) -> str | None:
-        """What was saved for a group; None when nothing was."""
-
-    def save(self, group: str, text: str) -> None:
-        """Keep the text of a group in place of what was there."""
-
-    def erase(self, group: str) -> None:
-        """Discard a group."""
+Storage = MutableMapping[str, str]
+"""Where a device keeps the text of each group over a power cycle; OSError where it cannot."""
 
 
-class MemoryStorage:
-    """A storage for tests and for devices that live as long as their host."""
-
-    def __init__(self) -> None:
-        self.groups: dict[str, str] = {}
-
-    def load(self, group: str) -> str | None:
-        """What was saved for a group; None when nothing was."""
-        return self.groups.get(group)
-
-    def save(self, group: str, text: str) -> None:
-        """Keep the text of a group."""
-        self.groups[group] = text
-
-    def erase(self, group: str) -> None:
-        """Discard a group."""
-        self.groups.pop(group, None)
-
-
-class StorageService:
+class StorageService(Part):
     """Serves 0x1010 and 0x1011, and gives a reset the values that were stored."""
 
-    def __init__(self, context: Context, dictionary: Dictionary, storage: Storage | None) -> None:
-        self.context = context
-        self.dictionary = dictionary
-        self.values = context.values
+    def __init__(self, context: Context, storage: Storage | None) -> None:
+        super().__init__(context)
         self.storage = storage
+        dictionary = self.dictionary
         for index in (STORE_PARAMETERS, RESTORE_DEFAULTS):
             dictionary.readers[index] = partial(self._capability, index)
         dictionary.writers[STORE_PARAMETERS] = self._store
@@ -140,7 +110,7 @@ class StorageService:
     def kept(self, group: str) -> list[str] | None:
         """Return the lines that are kept of a group, none where there are none; None if they are damaged."""
         try:
-            text = None if self.storage is None else self.storage.load(group)
+            text = None if self.storage is None else self.storage.get(group)
             return [] if text is None else _unseal(text)
         except (OSError, ValueError) as error:
             self.context.report(EventKind.STORAGE, f"{group}: {error}")
@@ -150,7 +120,7 @@ class StorageService:
         """Keep lines; OSError where they cannot be kept."""
         if self.storage is None:
             raise OSError("no storage")
-        self.storage.save(group, f"{text}\n{zlib.crc32(text.encode()):08x}\n")
+        self.storage[group] = f"{text}\n{zlib.crc32(text.encode()):08x}\n"
 
     def _head(self) -> str:
         vendor = self.values.number(IDENTITY, IDENTITY_VENDOR)
@@ -192,7 +162,9 @@ class StorageService:
 
     def _restore(self, sub: int, data: bytes) -> None:
         """Discard what is stored; the defaults are valid after the next reset (CiA 301, 7.5.2.14)."""
-        self._command(sub, data, SIGNATURE_LOAD, None if self.storage is None else self.storage.erase)
+        storage = self.storage
+        act = None if storage is None else lambda group: storage.pop(group, None)
+        self._command(sub, data, SIGNATURE_LOAD, act)
 
     def _command(
         self, sub: int, data: bytes, signature: int, act: Act | None, *, is_marked: bool = False

@@ -6,9 +6,8 @@ from collections.abc import Callable
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
-from skinbus.node.context import Context, Handler
-from skinbus.node.dictionary import Dictionary, SdoAbort
-from skinbus.node.emcy import EmcyService
+from skinbus.node.context import Context, Handler, Part
+from skinbus.node.dictionary import SdoAbort
 from skinbus.node.nmt import Service
 from skinbus.objects.cia import (
     COB_ID_MASK_11,
@@ -27,34 +26,22 @@ NS_PER_US = 1_000
 MAX_COUNTER = 240
 
 
-class SyncService:
+class SyncService(Part):
     """Calls ``on_sync(counter)`` for every SYNC, received or produced; 0 is a SYNC without counter."""
 
     kind = Service.SYNC
 
-    def __init__(
-        self, context: Context, dictionary: Dictionary, emcy: EmcyService, on_sync: Callable[[int], None]
-    ) -> None:
-        self.context = context
-        self.values = context.values
-        self.emcy = emcy
+    _overflow = _counter = _cob_id = _period_ns = _window_ns = 0
+    _length_wrong = _produces = False
+    _closes_ns = NEVER
+
+    def __init__(self, context: Context, on_sync: Callable[[int], None]) -> None:
+        super().__init__(context)
         self.on_sync = on_sync
-        self.wake_ns = NEVER
-        self.on_change: Callable[[], None] = lambda: None
-        """Called when the identifier was changed."""
-        self._length = 0
-        self._length_wrong = False
-        self._overflow = 0
-        self._counter = 0
-        self._cob_id = 0
-        self._period_ns = 0
-        self._produces = False
-        self._window_ns = 0
-        self._closes_ns = NEVER
-        dictionary.rules[SYNC_COB_ID] = self._check_cob_id
-        dictionary.rules[SYNC_COUNTER_OVERFLOW] = self._check_overflow
+        self.dictionary.rules[SYNC_COB_ID] = self._check_cob_id
+        self.dictionary.rules[SYNC_COUNTER_OVERFLOW] = self._check_overflow
         for index in (SYNC_COB_ID, SYNC_PERIOD, SYNC_WINDOW, SYNC_COUNTER_OVERFLOW):
-            dictionary.watchers[index] = self._changed
+            self.dictionary.watchers[index] = self._changed
 
     def configure(self) -> None:
         """Take over the parameters, as after a reset; a producer begins one period from now."""
@@ -62,7 +49,6 @@ class SyncService:
         cob_id = number(SYNC_COB_ID, 0)
         self._cob_id = cob_id & COB_ID_MASK_11
         self._overflow = number(SYNC_COUNTER_OVERFLOW, 0)
-        self._length = 1 if self._overflow else 0
         self._period_ns = number(SYNC_PERIOD, 0) * NS_PER_US
         self._produces = bool(cob_id & COB_ID_PRODUCER and self._period_ns)
         self._window_ns = number(SYNC_WINDOW, 0) * NS_PER_US
@@ -95,7 +81,7 @@ class SyncService:
             self.context.drop(frame, "SYNC has a counter or nothing")
             self._report_length()
             return
-        if len(data) != self._length:
+        if len(data) != bool(self._overflow):
             # It counts all the same; the missing or unexpected byte is an error (0x8240).
             self._report_length()
         elif self._length_wrong:
@@ -135,7 +121,7 @@ class SyncService:
         self.configure()
         if self._produces and not produced:
             self._counter = 0
-        self.on_change()
+        self.context.listen()
 
     def _report_length(self) -> None:
         if not self._length_wrong:
@@ -146,12 +132,12 @@ class SyncService:
         """CiA 301, 7.5.2.5: the identifier stays while the SYNC is produced."""
         value, old = int.from_bytes(data, "little"), self.values.number(SYNC_COB_ID, 0)
         allowed = COB_ID_PRODUCER | COB_ID_MASK_11
-        if value & ~allowed & ~(1 << 31) or restricted(value & COB_ID_MASK_11):
+        is_wrong = value & ~allowed & ~(1 << 31) or restricted(value & COB_ID_MASK_11)
+        if value & COB_ID_PRODUCER:
+            is_other = old & COB_ID_PRODUCER and (old ^ value) & COB_ID_MASK_11
+            is_wrong = is_wrong or is_other or SYNC_PERIOD not in self.values.layout.indices
+        if is_wrong:
             raise SdoAbort(AbortCode.VALUE_INVALID)
-        if old & value & COB_ID_PRODUCER and (old ^ value) & COB_ID_MASK_11:
-            raise SdoAbort(AbortCode.VALUE_INVALID)
-        if value & COB_ID_PRODUCER and SYNC_PERIOD not in self.values.layout.indices:
-            raise SdoAbort(AbortCode.VALUE_INVALID)  # this device cannot produce it
 
     def _check_overflow(self, sub: int, data: bytes) -> None:
         """CiA 301, 7.5.2.22: 0 or 2 to 240, and only while no period runs."""

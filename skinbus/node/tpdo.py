@@ -9,9 +9,7 @@ from functools import partial
 from skinbus.can.core import NEVER
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.can.frame import LONG, Frame
-from skinbus.node.context import NS_PER_100US, NS_PER_MS, Context
-from skinbus.node.dictionary import Dictionary
-from skinbus.node.emcy import EmcyService
+from skinbus.node.context import NS_PER_100US, NS_PER_MS, Context, Part
 from skinbus.node.mapping import packer
 from skinbus.node.pdo_rules import PdoRules
 from skinbus.objects.cia import SYNC_COUNTER_OVERFLOW, SYNC_WINDOW, EmcyCode, NmtState, TransmissionType
@@ -54,14 +52,11 @@ class Tpdo:
         return now_ns + self.map.event_timer_ms * NS_PER_MS if self.map.event_timer_ms else NEVER
 
 
-class TpdoService:
+class TpdoService(Part):
     """All TPDOs of a device."""
 
-    def __init__(self, context: Context, dictionary: Dictionary, emcy: EmcyService) -> None:
-        self.context = context
-        self.emcy = emcy
-        self.values = context.values
-        self.wake_ns = NEVER
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
         self.pdos: dict[int, Tpdo] = {}
         self.on_change: Callable[[], None] = lambda: None
         """Called when a PDO was reconfigured."""
@@ -72,12 +67,12 @@ class TpdoService:
         self._by_event: list[Tpdo] = []
         self._is_late = False
         self._is_withheld = False
-        od = dictionary.layout.od
+        od = self.dictionary.layout.od
         self._status = index_of(od, SAMPLE_STATUS) if has(od, SAMPLE_STATUS) else None
-        for number in pdo_numbers(dictionary.layout.od, Direction.TPDO):
+        for number in pdo_numbers(od, Direction.TPDO):
             rules = PdoRules(self.values, Direction.TPDO, number)
             self.pdos[number] = Tpdo(
-                number, rules, rules.register(dictionary, partial(self._changed, number))
+                number, rules, rules.register(self.dictionary, partial(self._changed, number))
             )
 
     def configure(self) -> None:

@@ -7,16 +7,15 @@ no delta selected, when it moved at all. Limits and deltas are counts of the inp
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.node.context import Context
-from skinbus.node.dictionary import Dictionary
+from skinbus.arrays import Bools, Ints
+from skinbus.node.context import Context, Part
 from skinbus.node.layout import key_of
-from skinbus.node.tpdo import Tpdo
+from skinbus.node.tpdo import Tpdo, TpdoService
 from skinbus.objects.cia import (
     ANALOGUE_DELTA,
     ANALOGUE_INTERRUPT_ENABLE,
@@ -35,21 +34,12 @@ OBJECTS = (
 _NO_LIMIT = np.int64(2**62)
 
 
-class AnalogueTriggers:
+class AnalogueTriggers(Part):
     """Watches the inputs that event-driven and acyclic TPDOs carry, in one vectorised comparison."""
 
-    def __init__(
-        self,
-        context: Context,
-        dictionary: Dictionary,
-        pdos: dict[int, Tpdo],
-        request: Callable[[int], bool],
-    ) -> None:
-        self.context = context
-        self.layout = dictionary.layout
-        self.values = context.values
-        self.pdos = pdos
-        self.request = request
+    def __init__(self, context: Context, tpdos: TpdoService) -> None:
+        super().__init__(context)
+        self.layout, self.tpdos = self.dictionary.layout, tpdos
         self.active = False
         """Whether ``poll`` can find anything."""
         self.index = next((i for i in READINGS if i in self.layout.indices), 0)
@@ -57,9 +47,9 @@ class AnalogueTriggers:
         self._inputs: npt.NDArray[Any] = self.values.view(self.index, 1, self.n) if self.n else np.zeros(0)
         self._sent = np.zeros(self.n, np.int64)
         self._known = np.zeros(self.n, np.bool_)
-        self._channels: dict[int, npt.NDArray[np.bool_]] = {}
+        self._channels: dict[int, Bools] = {}
         for index in OBJECTS:
-            dictionary.watchers[index] = lambda sub: self.configure()
+            self.dictionary.watchers[index] = lambda sub: self.configure()
 
     def enter(self, state: NmtState) -> None:
         """With OPERATIONAL everything is news again."""
@@ -69,7 +59,7 @@ class AnalogueTriggers:
     def configure(self) -> None:
         """Take over triggers, limits and PDOs."""
         self._channels = {}
-        for pdo in self.pdos.values():
+        for pdo in self.tpdos.pdos.values():
             if pdo.map.valid and not pdo.cyclic:
                 mask = np.zeros(self.n, np.bool_)
                 for slot in pdo.map.entries:
@@ -96,7 +86,7 @@ class AnalogueTriggers:
         if worth.any():
             for number, mask in self._channels.items():
                 if (worth & mask).any():
-                    self.request(number)
+                    self.tpdos.request(number)
 
     def sent(self, pdo: Tpdo) -> None:
         """Keep what a TPDO has carried."""
@@ -105,7 +95,7 @@ class AnalogueTriggers:
             self._sent[mask] = self._inputs[mask]
             self._known |= mask
 
-    def _column(self, index: int) -> npt.NDArray[np.int64]:
+    def _column(self, index: int) -> Ints:
         """Values of an array object, one for each input; zero where it has none."""
         subs = range(1, self.n + 1)
         has = self.layout.entries.keys()

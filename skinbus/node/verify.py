@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
-
-from skinbus.node.context import Context
-from skinbus.node.dictionary import Dictionary
+from skinbus.node.context import Context, Part
 from skinbus.node.layout import ImageEntry
 from skinbus.node.storage import AREAS, COMMUNICATION, is_parameter
 from skinbus.objects.cia import VERIFY_CONFIGURATION
@@ -13,7 +10,7 @@ from skinbus.objects.dcf import Write, checksum, is_verified
 from skinbus.objects.profile import COMMUNICATION_CHECKSUM
 
 
-class VerifyService:
+class VerifyService(Part):
     """Sets 0x1020 to 0 when a client changes any other parameter (CiA 301, 7.5.2.24); computes the checksum.
 
     A manager reads 0x1020 to find out whether it has to configure the device again. Whoever writes it last,
@@ -21,21 +18,23 @@ class VerifyService:
     manager chose of one that was; the checksum is computed of what is held when it is read.
     """
 
-    def __init__(self, context: Context, dictionary: Dictionary) -> None:
-        self.values = context.values
+    _is_altered = False
+    """Whether a parameter that outlives a reset of the communication is another one."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        dictionary = self.dictionary
         entries = dictionary.layout.entries
-        self._subs: Final = dictionary.layout.subs(VERIFY_CONFIGURATION)
-        self._verified: Final = [
+        self._subs = dictionary.layout.subs(VERIFY_CONFIGURATION)
+        self._verified = [
             entries[key]
             for key in sorted(entries)
             if is_verified(entries[key].index) and is_parameter(entries[key])
         ]
-        self._is_altered = False
-        """Whether a parameter that outlives a reset of the communication is another one."""
         if self._subs:
             dictionary.on_stored = self._stored
         for entry in entries.values():
-            if entry.variable.name == COMMUNICATION_CHECKSUM.object:
+            if entry.variable.name == COMMUNICATION_CHECKSUM:
                 dictionary.readers[entry.index] = self._checksum
 
     def loaded(self, *, application: bool) -> None:

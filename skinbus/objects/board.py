@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +16,12 @@ from skinbus.model.limits import MOST
 from skinbus.model.patch import MAX_TACTELS
 from skinbus.objects import cia, profile
 from skinbus.objects.eds_values import BOOLEAN, TYPES, Number
-from skinbus.objects.profile import Name, current, index_of, look_up, look_up_array
+from skinbus.objects.profile import current, has, index_of, look_up, look_up_array
 
-LAW_CONE: Final = 0
-LAW_RADIAL: Final = 1
+LAW_CONE = 0
+LAW_RADIAL = 1
 
-_OPTIONAL: Final = (
+_OPTIONAL = (
     profile.TACTEL_WIDTH,
     profile.TACTEL_BIAS_PA,
     profile.RESIDUAL_MAP,
@@ -30,7 +30,7 @@ _OPTIONAL: Final = (
 )
 """What boards of others need not have."""
 
-_MAP_HEADER: Final = struct.Struct("<BBHf")
+_MAP_HEADER = struct.Struct("<BBHf")
 """Tactels, points along an axis, step in um, 1/m^2 of one count."""
 
 
@@ -63,8 +63,8 @@ def describe_patch(od: ObjectDictionary, file: str = "EDS") -> Patch:
         threshold=touch,
         release=release,
         gain=reader.column(profile.TACTEL_GAIN, n),
-        width=reader.own(profile.TACTEL_WIDTH, n, "positive numbers", 1e-6),
-        bias=reader.own(profile.TACTEL_BIAS_PA, n),
+        width=reader.own(profile.TACTEL_WIDTH, n, 1.0, "positive numbers", 1e-6),
+        bias=reader.own(profile.TACTEL_BIAS_PA, n, 0.0),
         residual_map=reader.residual_map(n),
         offset=reader.column(profile.TACTEL_OFFSET, n),
         noise=reader.noise(n),
@@ -96,7 +96,7 @@ def calibration_values(
         KeyError: the dictionary has no such object.
         ValueError: the law's table does not fit the dictionary's.
     """
-    values: dict[Name, Any] = {
+    values: dict[str, Any] = {
         profile.FORCE_EXPONENT: law.exponent,
         profile.LAW_MISFIT: law.misfit,
         profile.TYPICAL_FORCE: 0.0,
@@ -120,7 +120,7 @@ def calibration_values(
         values |= {profile.LAW_KIND: LAW_CONE, profile.CONE_SLOPE: law.slope}
     found: dict[tuple[int, int], Number] = {}
     for name, value in values.items():
-        if name in _OPTIONAL and not _has(od, name):
+        if name in _OPTIONAL and not has(od, name):
             continue
         if isinstance(value, int | float | bytes):
             found[index_of(od, name)] = value
@@ -161,13 +161,6 @@ def decode_map(data: bytes, n_tactels: int) -> ResidualMap | None:
     return ResidualMap(1e-6 * step, scale * counts.astype(np.float64))
 
 
-def _has(od: ObjectDictionary, name: Name) -> bool:
-    try:
-        return bool(index_of(od, name))
-    except KeyError:
-        return False
-
-
 class _Reader:
     """Values by name, with a fault for each that is missing or out of range."""
 
@@ -175,24 +168,24 @@ class _Reader:
         self.od = od
         self.faults: list[Fault] = []
 
-    def fault(self, name: Name, seen: Any, wanted: str) -> None:
-        self.faults.append(Fault(str(name), seen, wanted))
+    def fault(self, name: str, seen: Any, wanted: str) -> None:
+        self.faults.append(Fault(name, seen, wanted))
 
-    def whole(self, name: Name, low: int, high: int) -> int:
+    def whole(self, name: str, low: int, high: int) -> int:
         value = self._value(name)
         if isinstance(value, int) and low <= value <= high:
             return value
         self.fault(name, value, f"an integer from {low} to {high}")
         return high
 
-    def real(self, name: Name, *, zero: bool = False) -> float:
+    def real(self, name: str, *, zero: bool = False) -> float:
         value = self._value(name)
         if not isinstance(value, int | float) or not 0 <= value <= MOST or (value == 0 and not zero):
             self.fault(name, value, "zero or a positive number" if zero else "a positive number")
             return 1.0
         return float(value)
 
-    def column(self, name: Name, n: int) -> Any:
+    def column(self, name: str, n: int) -> Any:
         elements = self._elements(name)
         if len(elements) < n:
             self.fault(name, f"{len(elements)} elements", f"{n}, one per tactel")
@@ -205,25 +198,25 @@ class _Reader:
                 self.fault(name, f"{value!r} at sub-index {k + 1}", f"a number up to {MOST:g}")
         return column
 
-    def own(self, name: Name, n: int, wanted: str = "", least: float = -MOST) -> Any:
-        """Return a column that boards of others need not have; None without one, or after a fault."""
+    def own(self, name: str, n: int, usual: Any, wanted: str = "", least: float = -MOST) -> Any:
+        """Return a column that boards of others need not have; the usual without one, or after a fault."""
         if not self._elements(name):
-            return None
+            return usual
         column = self.column(name, n)
         if column.min() < least:
             self.fault(name, float(column.min()), wanted)
-            return None
+            return usual
         return column
 
     def noise(self, n: int) -> Any:
         """Return the noise of every tactel; where the array says 0, or is not there, that of the board."""
         board = self.real(profile.NOISE_PA, zero=True)
-        own = self.own(profile.TACTEL_NOISE_PA, n, "zero or positive numbers", 0.0)
-        return board if own is None else np.where(own > 0.0, own, board)
+        own = self.own(profile.TACTEL_NOISE_PA, n, np.zeros(n), "zero or positive numbers", 0.0)
+        return np.where(own > 0.0, own, board)
 
-    def own_number(self, name: Name) -> float | None:
+    def own_number(self, name: str) -> float | None:
         """Return zero or a positive number; None where the board, of another make, has no such object."""
-        return self.real(name, zero=True) if _has(self.od, name) else None
+        return self.real(name, zero=True) if has(self.od, name) else None
 
     def residual_map(self, n: int) -> ResidualMap | None:
         data = self._value(profile.RESIDUAL_MAP)
@@ -250,13 +243,13 @@ class _Reader:
         if not table[0] > 0.0:
             self.fault(profile.RADIAL_LAW, f"{table[0]:g} at sub-index 1", "a positive number: the peak")
             return Cone()
-        spread = self.own(profile.MISFIT_PROFILE, points, "zero or positive numbers", 0.0)
+        spread = self.own(profile.MISFIT_PROFILE, points, np.zeros(1), "zero or positive numbers", 0.0)
         return Radial(
             1e-6 * self.real(profile.RADIAL_STEP_UM),
             table,
             exponent,
             misfit,
-            spread if spread is not None and spread.any() else None,
+            spread if spread.any() else None,
             self.own_number(profile.TYPICAL_FORCE) or 0.0,
         )
 
@@ -277,13 +270,13 @@ class _Reader:
             return 16
         return kind.bits
 
-    def _value(self, name: Name) -> int | float | str | bytes | None:
+    def _value(self, name: str) -> int | float | str | bytes | None:
         try:
             return current(look_up(self.od, name))
         except KeyError:
             return None
 
-    def _elements(self, name: Name) -> Sequence[ODVariable]:
+    def _elements(self, name: str) -> Sequence[ODVariable]:
         try:
             return look_up_array(self.od, name)
         except KeyError:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
 from canopen.objectdictionary import ObjectDictionary
 
@@ -16,7 +15,7 @@ from skinbus.objects.profile import MASTER_NODE_ID
 
 __all__ = ["CLASSIC_BYTES", "MAX_LOAD", "cyclic_load", "worst_ns"]
 
-MAX_LOAD: Final = 0.8
+MAX_LOAD = 0.8
 """Share of the bus that cyclic traffic may take (docs/bus.md)."""
 
 

@@ -14,21 +14,22 @@ Standard deviations in one byte are rounded up: 255 is "that or more", or not kn
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-PAYLOAD: Final = np.dtype([("id", "u1"), ("link_state", "u1"), ("s", "<i2"), ("a", "<i2"), ("force", "<u2")])
+from skinbus.arrays import Bytes, Floats
+
+PAYLOAD = np.dtype([("id", "u1"), ("link_state", "u1"), ("s", "<i2"), ("a", "<i2"), ("force", "<u2")])
 """Layout of the 8 bytes."""
 
-LENGTH_STEP: Final = 1e-4
+LENGTH_STEP = 1e-4
 """Metres per count of s and a."""
-FORCE_STEP: Final = 1e-2
+FORCE_STEP = 1e-2
 """Newtons per count of force."""
-FORCE_SD_STEP: Final = 5e-2
+FORCE_SD_STEP = 5e-2
 """Newtons per count of the standard deviation of a force; that of a place is in ``LENGTH_STEP``."""
-MAX_LINKS: Final = 16
+MAX_LINKS = 16
 """Links that the low nibble can distinguish."""
 
 
@@ -51,7 +52,7 @@ def pack_contacts(
     s: npt.ArrayLike,
     a: npt.ArrayLike,
     force: npt.ArrayLike,
-) -> npt.NDArray[np.uint8]:
+) -> Bytes:
     """Return the payloads of contacts, (n, 8) uint8.
 
     Args:
@@ -71,7 +72,7 @@ def pack_contacts(
     return records.view(np.uint8).reshape(-1, PAYLOAD.itemsize)
 
 
-def pack_deviations(covariance: npt.ArrayLike) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+def pack_deviations(covariance: npt.ArrayLike) -> tuple[Bytes, Bytes]:
     """Return the standard deviations of place (its longer axis, 0.1 mm) and force (0.05 N), (n,) each.
 
     Args:
@@ -86,6 +87,6 @@ def pack_deviations(covariance: npt.ArrayLike) -> tuple[npt.NDArray[np.uint8], n
     return place, force
 
 
-def _saturate(values: npt.ArrayLike, step: float, low: int, high: int) -> npt.NDArray[np.float64]:
+def _saturate(values: npt.ArrayLike, step: float, low: int, high: int) -> Floats:
     counts = np.nan_to_num(np.asarray(values, np.float64) / step, nan=0.0, posinf=high, neginf=low)
     return np.clip(np.rint(counts), low, high)

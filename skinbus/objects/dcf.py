@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
 
@@ -25,11 +25,11 @@ from skinbus.objects.eds_values import REAL32, REAL64, TYPES, Number, encode
 from skinbus.objects.pdo import Direction
 from skinbus.objects.profile import COMMUNICATION_CHECKSUM
 
-_CONCISE: Final = struct.Struct("<HBI")
+_CONCISE = struct.Struct("<HBI")
 """Index, sub-index and length of an entry of a concise DCF."""
-_NOT_DOWNLOADED: Final = (cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS, cia.VERIFY_CONFIGURATION)
+_NOT_DOWNLOADED = (cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS, cia.VERIFY_CONFIGURATION)
 
-_VERIFIED: Final = frozenset(
+_VERIFIED = frozenset(
     {
         cia.SYNC_COB_ID,
         cia.SYNC_PERIOD,
@@ -82,7 +82,7 @@ def configuration(od: ObjectDictionary, *, window_us: int = 0) -> Configuration:
     flat = to_concise(writes)
     date, time = (zlib.crc32(flat) or 1, zlib.adler32(flat)) if writes else (0, 0)
     verified = [v for v in _variables(od) if is_verified(v.index) and v.writable and v.readable]
-    found = od.names.get(COMMUNICATION_CHECKSUM.object)
+    found = od.names.get(COMMUNICATION_CHECKSUM)
     window = None
     if any(v.index == cia.SYNC_WINDOW and v.value is None and not v.default for v in verified) and window_us:
         window = Write(cia.SYNC_WINDOW, 0, window_us.to_bytes(4, "little"))

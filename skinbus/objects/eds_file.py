@@ -12,7 +12,6 @@ import codecs
 import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
 
 from skinbus.errors import EdsError, Fault, FaultList
 from skinbus.file_bytes import read_bytes
@@ -25,19 +24,19 @@ from skinbus.objects.eds_values import (
     parse_value,
 )
 
-MAX_BYTES: Final = 1 << 20
+MAX_BYTES = 1 << 20
 """The largest EDS files of drives have half of this."""
 
-MAX_SECTIONS: Final = 10_000
+MAX_SECTIONS = 10_000
 """Twice as many as the largest drives have."""
 
-VAR: Final = 0x7
-ARRAY: Final = 0x8
-RECORD: Final = 0x9
-DOMAIN: Final = 0x2
-OBJECT_TYPES: Final = {0x0: "NULL", DOMAIN: "DOMAIN", 0x5: "DEFTYPE", 0x6: "DEFSTRUCT", VAR: "VAR"}
-GROUP_TYPES: Final = {ARRAY: "ARRAY", RECORD: "RECORD"}
-ACCESS_TYPES: Final = ("ro", "wo", "rw", "rwr", "rww", "const")
+VAR = 0x7
+ARRAY = 0x8
+RECORD = 0x9
+DOMAIN = 0x2
+OBJECT_TYPES = {0x0: "NULL", DOMAIN: "DOMAIN", 0x5: "DEFTYPE", 0x6: "DEFSTRUCT", VAR: "VAR"}
+GROUP_TYPES = {ARRAY: "ARRAY", RECORD: "RECORD"}
+ACCESS_TYPES = ("ro", "wo", "rw", "rwr", "rww", "const")
 
 _SECTION = re.compile(r"\[(?P<name>[^\]]*)\]")
 _OBJECT = re.compile(r"(?P<index>[0-9a-f]{4})(?:sub(?P<sub>[0-9a-f]{1,2}))?")

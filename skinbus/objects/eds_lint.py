@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from difflib import get_close_matches
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from skinbus.can.fd import CLASSIC_BYTES, MAX_BYTES
 from skinbus.errors import FaultList
@@ -22,13 +22,13 @@ from skinbus.objects.eds_values import TYPES, UNSIGNED32
 from skinbus.objects.pdo import MAX_DUMMY, Direction, split_mapping
 from skinbus.objects.profile import FRAME_BYTES
 
-MANDATORY_OBJECTS: Final = (cia.DEVICE_TYPE, cia.ERROR_REGISTER, cia.IDENTITY)
-MAX_STRANGE: Final = 1000
+MANDATORY_OBJECTS = (cia.DEVICE_TYPE, cia.ERROR_REGISTER, cia.IDENTITY)
+MAX_STRANGE = 1000
 """Unknown keys that are compared with the known ones, which takes 0.1 ms each."""
-MAX_ENTRIES: Final = 64
+MAX_ENTRIES = 64
 """Objects mapped to one PDO."""
 
-_KEYS: Final = (
+_KEYS = (
     *("SubNumber", "ParameterName", "ObjectType", "DataType", "AccessType", "LowLimit", "HighLimit"),
     *("DefaultValue", "PDOMapping", "ObjFlags", "CompactSubObj", "ParameterValue", "UploadFile"),
     *("DownloadFile", "Denotation", "ParamRefd", "Unit", "Factor", "Description", "StorageLocation"),
@@ -150,7 +150,9 @@ def _mapping(file: EdsFile, direction: Direction, mapping: Entry) -> None:
         if wanted := _mapped_object(file, direction, variable.number):
             for each in wanted:
                 file.fault_at(variable, f"0x{variable.number:08X}", each)
-    is_fd = any(v.name == FRAME_BYTES.member for e in file.objects.values() for v in e.variables.values())
+    is_fd = any(
+        FRAME_BYTES.endswith(f"/{v.name}") for e in file.objects.values() for v in e.variables.values()
+    )
     most = 8 * (MAX_BYTES if is_fd else CLASSIC_BYTES)
     if total > most:
         file.fault(mapping.section, "", f"{total} bits mapped in all", f"at most {most}")
@@ -214,7 +216,7 @@ def _identifier(variable: Variable | None) -> _Identifier | None:
     return _Identifier(variable, variable.number & cia.COB_ID_MASK_11, variable.current.relative)
 
 
-_RULES: Final = (
+_RULES = (
     _mandatory,
     _spelling,
     _limits,

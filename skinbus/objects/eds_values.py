@@ -9,19 +9,18 @@ import math
 import re
 import struct
 from dataclasses import dataclass
-from typing import Final
 
-BOOLEAN: Final = 0x01
-INTEGER16: Final = 0x03
-UNSIGNED8: Final = 0x05
-UNSIGNED16: Final = 0x06
-UNSIGNED32: Final = 0x07
-REAL32: Final = 0x08
-VISIBLE_STRING: Final = 0x09
-OCTET_STRING: Final = 0x0A
-UNICODE_STRING: Final = 0x0B
-DOMAIN_TYPE: Final = 0x0F
-REAL64: Final = 0x11
+BOOLEAN = 0x01
+INTEGER16 = 0x03
+UNSIGNED8 = 0x05
+UNSIGNED16 = 0x06
+UNSIGNED32 = 0x07
+REAL32 = 0x08
+VISIBLE_STRING = 0x09
+OCTET_STRING = 0x0A
+UNICODE_STRING = 0x0B
+DOMAIN_TYPE = 0x0F
+REAL64 = 0x11
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +47,7 @@ def _integers() -> dict[int, DataType]:
     return types | {t: DataType(f"UNSIGNED{n}", n, 0, (1 << n) - 1) for t, n in unsigned.items()}
 
 
-TYPES: Final[dict[int, DataType]] = {
+TYPES: dict[int, DataType] = {
     BOOLEAN: DataType("BOOLEAN", 1, 0, 1),
     **_integers(),
     REAL32: DataType("REAL32", 32),
@@ -72,7 +71,7 @@ class Value:
     relative: bool = False
 
 
-MAX_DIGITS: Final = 100
+MAX_DIGITS = 100
 """Of an integer; 64 bits have 22 in the longest spelling."""
 
 _INTEGER = re.compile(r"[+-]?(?:0x[0-9a-f]+|0[0-7]*|[1-9][0-9]*)", re.IGNORECASE)

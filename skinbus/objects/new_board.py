@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -29,34 +28,34 @@ from skinbus.objects.eds_file import read_text
 from skinbus.objects.eds_text import EdsText
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
 
-BASES: Final = (*cia.TPDO_BASES, *cia.RPDO_BASES)
+BASES = (*cia.TPDO_BASES, *cia.RPDO_BASES)
 """Identifiers of the TPDOs, less the node-ID."""
 
-LEAST_PA: Final = 1_000
-MOST_PA: Final = 100_000_000
+LEAST_PA = 1_000
+MOST_PA = 100_000_000
 """Full scales from a light touch to a thousand times what a palm presses; as an UNSIGNED32 in the EDS."""
 
-ROOM_UM: Final = 1e3
+ROOM_UM = 1e3
 """Of a tactel to its neighbour: a sensing cell fills the pitch but for so much."""
 
-MOST_M: Final = 1.0
+MOST_M = 1.0
 """From the centre of a board to its tactels."""
 
-PRODUCT: Final = 0x6000
+PRODUCT = 0x6000
 """Product code of a board of others, until its maker gives it one."""
 
-N_SHIPPED: Final = 0x10
+N_SHIPPED = 0x10
 """Tactels of the shipped boards; only arrays by tactel have so many elements."""
 
-SAMPLING: Final = (0x2070_01_08, 0x2070_02_08, 0x2070_03_10)
+SAMPLING = (0x2070_01_08, 0x2070_02_08, 0x2070_03_10)
 """SYNC counter, status and age of the sample: mapped behind the readings of a TPDO where there is room.
 
 On CAN FD two always are; on classic CAN the age comes first, since a counter in some TPDOs proves little."""
 
-PLACE: Final = 0x5F00
+PLACE = 0x5F00
 """Where tactels are described in the DCF of a module: the end of the manufacturer's area, which few use."""
 
-HEARTBEAT_MS: Final = 500
+HEARTBEAT_MS = 500
 """Of a module, as of the boards that are shipped."""
 
 

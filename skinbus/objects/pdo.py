@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
-from typing import Final
 
 from canopen.objectdictionary import ObjectDictionary
 
@@ -19,7 +18,7 @@ from skinbus.objects import cia
 from skinbus.objects.eds_values import TYPES
 from skinbus.objects.profile import FRAME_BYTES, current, look_up, number_at
 
-MAX_DUMMY: Final = 0x1F
+MAX_DUMMY = 0x1F
 """Highest index that stands for a data type, not an object."""
 
 ReadValue = Callable[[int, int], int]

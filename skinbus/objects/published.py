@@ -37,10 +37,10 @@ def published(od: ObjectDictionary) -> Published:
     """Return the TPDOs of a master with this dictionary; ValueError when one is missing."""
     by_first = {(pdo.entries[0].index, pdo.entries[0].sub): pdo for pdo in tpdos(od) if pdo.entries}
     numbers = range(1, profile.MAX_CONTACTS + 1)
-    names = [profile.Name(name.object) for name in (profile.CYCLES, profile.LOAD)]
+    names = [name.partition("/")[0] for name in (profile.CYCLES, profile.LOAD)]
     names += [profile.contact(k, member) for member in ("", QUALITY) for k in numbers]
     first = [(index, sub or 1) for index, sub in (profile.index_of(od, name) for name in names)]
-    if missing := [str(name) for name, key in zip(names, first, strict=True) if key not in by_first]:
+    if missing := [name for name, key in zip(names, first, strict=True) if key not in by_first]:
         raise ValueError(f"no TPDO begins with {', '.join(missing)}")
     summary, load, *rest = (by_first[key] for key in first)
     contacts, qualities = rest[: profile.MAX_CONTACTS], rest[profile.MAX_CONTACTS :]

@@ -11,12 +11,12 @@ A PDO may also map the stamp of its readings: the SYNC counter of their sample, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
 
+from skinbus.arrays import Bytes, Ints, Ints32
 from skinbus.can.core import NEVER
 from skinbus.can.frame import ERROR, EXTENDED, MAX_DATA, RTR, FrameBatch
 from skinbus.model import Arm, PlacedPatch
@@ -28,23 +28,20 @@ from skinbus.objects.cia import (
     Trigger,
 )
 from skinbus.objects.pdo import PdoMap, carries_readings, readings_in, tpdos
-from skinbus.objects.profile import SAMPLE_AGE, SAMPLE_COUNTER, SAMPLE_STATUS, Name, has, index_of, number_at
+from skinbus.objects.profile import SAMPLE_AGE, SAMPLE_COUNTER, SAMPLE_STATUS, has, index_of, number_at
 
-Counts = npt.NDArray[np.int32]
-Stamps = npt.NDArray[np.uint8]
-
-N_IDS: Final = 2048
-MAX_TPDOS: Final = 31
+N_IDS = 2048
+MAX_TPDOS = 31
 """Of one patch: they are bits of an int32."""
 
-NO_PLAIN: Final = EXTENDED | RTR | ERROR
+NO_PLAIN = EXTENDED | RTR | ERROR
 """Flags that a frame with readings does not have."""
 
-DEADLINE: Final = 0.9
+DEADLINE = 0.9
 """Share of the period after which a cycle closes with what it has: leaves a tenth to compute and publish."""
 
 
-TIMER_SLACK: Final = 1.5
+TIMER_SLACK = 1.5
 """Times the event timer without a frame before a patch that runs freely is silent: frames queue."""
 
 
@@ -63,19 +60,19 @@ class Answers(NamedTuple):
     one without answer; with more of them it is an older reading; with none, another node or SYNC caused it.
     """
 
-    due: Counts
+    due: Ints32
     """(n_frames,) SYNCs that each TPDO has not answered."""
-    came: Counts
+    came: Ints32
     """(n_patches,) bit mask of the TPDOs that came, whatever they answer."""
-    n_frames: Counts
+    n_frames: Ints32
     """(n_patches,) frames that came."""
-    n_excess: Counts
+    n_excess: Ints32
     """(n_patches,) of them frames that answer no SYNC, and differ from the one that did."""
-    last_ns: npt.NDArray[np.int64]
+    last_ns: Ints
     """(n_patches,) time of the last frame."""
-    free_ns: npt.NDArray[np.int64]
+    free_ns: Ints
     """(n_frames,) time of the newest frame of each TPDO that runs freely, 0 for none; it answers no SYNC."""
-    counter: Counts
+    counter: Ints32
     """(1,) counter of the newest SYNC, 0 for none; a frame that carries another one does not answer it."""
 
 
@@ -155,23 +152,23 @@ class ReadingsPlan:
         free_ns = np.zeros(self.n_frames, np.int64)
         return Answers(due, came, n_frames, n_excess, last_ns, free_ns, np.zeros(1, np.int32))
 
-    def unanswered(self, answers: Answers) -> Counts:
+    def unanswered(self, answers: Answers) -> Ints32:
         """Return the most SYNCs that a TPDO of each patch has not answered, (n_patches,)."""
         most = np.zeros(self.n_patches, np.int32)
         np.maximum.at(most, self.pdo_patch, answers.due * ~self.free)
         return most
 
-    def new_stamps(self) -> Stamps:
+    def new_stamps(self) -> Bytes:
         """Return room for the stamps of all PDOs, (n_frames, 4) uint8, as ``stamped``; zeros."""
         return np.zeros((self.n_frames, 4), np.uint8)
 
     def unpack(
         self,
         batch: FrameBatch,
-        counts: Counts,
-        seen: Counts,
-        wrong: Counts | None = None,
-        stamps: Stamps | None = None,
+        counts: Ints32,
+        seen: Ints32,
+        wrong: Ints32 | None = None,
+        stamps: Bytes | None = None,
         answers: Answers | None = None,
     ) -> Unpacked:
         """Write the readings of a ``FrameBatch`` into counts and mark their TPDOs in ``seen``.
@@ -206,7 +203,7 @@ class ReadingsPlan:
         return result
 
     def unpack_free(
-        self, batch: FrameBatch, counts: Counts, stamps: Stamps, free_ns: npt.NDArray[np.int64]
+        self, batch: FrameBatch, counts: Ints32, stamps: Bytes, free_ns: Ints
     ) -> tuple[int, bool]:
         """Take the frames of TPDOs that run freely out of a batch; write their readings, and when they came.
 
@@ -227,7 +224,7 @@ class ReadingsPlan:
         batch.n = len(kept)
         return len(rows), bool((change.any(axis=1) & self.on_change[self.pdo_patch[pdo]]).any())
 
-    def _classify(self, batch: FrameBatch) -> tuple[Counts, Any]:
+    def _classify(self, batch: FrameBatch) -> tuple[Ints32, Any]:
         """Return the PDO of each frame, -1 for none, and which are of a wrong length."""
         frames = batch.frames[: batch.n]
         bus, can_id = frames["bus"], frames["can_id"]
@@ -236,7 +233,7 @@ class ReadingsPlan:
         pdo[(bus >= n_buses) | (can_id >= n_ids) | (frames["flags"] & NO_PLAIN != 0)] = -1
         return pdo, (pdo >= 0) & (frames["length"] != self._length[pdo])
 
-    def _write(self, pdo: Counts, data: Stamps, counts: Counts, seen: Counts, stamps: Stamps | None) -> None:
+    def _write(self, pdo: Ints32, data: Bytes, counts: Ints32, seen: Ints32, stamps: Bytes | None) -> None:
         """Write the readings and stamps of frames; of two frames of a PDO the later one counts."""
         tactels, values = self._decode(pdo, data)
         counts[tactels] = values
@@ -245,11 +242,11 @@ class ReadingsPlan:
             frame, column = np.nonzero(self.stamped[pdo])
             stamps[pdo[frame], column] = data[frame, self._stamp[pdo[frame], column]]
 
-    def _decode(self, pdo: Counts, data: Stamps) -> tuple[Any, Any]:
+    def _decode(self, pdo: Ints32, data: Bytes) -> tuple[Any, Any]:
         """Return tactel and value of each entry, (n, most entries), of frames with data (n, 64)."""
         padded = np.zeros((len(data), MAX_DATA + 8), np.uint8)
         padded[:, :MAX_DATA] = data
-        numbers: npt.NDArray[np.int64] = np.ndarray(  # the 8 bytes from each byte on
+        numbers: Ints = np.ndarray(  # the 8 bytes from each byte on
             (len(data), MAX_DATA), "<i8", padded, strides=(MAX_DATA + 8, 1)
         )
         span = self._span[pdo]
@@ -257,9 +254,7 @@ class ReadingsPlan:
         words -= np.where(words >= self._above[pdo], span, 0)  # signed, with the top bit set
         return self._tactel[pdo], words
 
-    def _account(
-        self, pdo: Counts, data: Stamps, t_ns: npt.NDArray[np.int64], answers: Answers
-    ) -> tuple[list[int], list[int]]:
+    def _account(self, pdo: Ints32, data: Bytes, t_ns: Ints, answers: Answers) -> tuple[list[int], list[int]]:
         """Return which frames answer the newest SYNC and which answer none; keep the account."""
         patch = self.pdo_patch[pdo]
         np.bitwise_or.at(answers.came, patch, self.pdo_bit[pdo])
@@ -291,7 +286,7 @@ def _carriers(patch: int, od: ObjectDictionary) -> list[PdoMap]:
     return carriers
 
 
-def _deltas(od: ObjectDictionary, n: int) -> Counts:
+def _deltas(od: ObjectDictionary, n: int) -> Ints32:
     """Return by how much each reading of a patch must change to be sent, (n_tactels,) counts (CiA 401)."""
     subs = range(1, n + 1)
     by_delta = [number_at(od, ANALOGUE_TRIGGER, k) & Trigger.DELTA for k in subs]
@@ -319,7 +314,7 @@ def _stamp(od: ObjectDictionary, pdo: PdoMap) -> tuple[int, int, int, int]:
     """Return the bytes of a PDO that hold the counter, status and age of its sample, -1 without."""
     at = {(e.index, e.sub, e.bits): e.offset // 8 for e in pdo.entries if e.offset % 8 == 0}
 
-    def of(name: Name, bits: int) -> int:
+    def of(name: str, bits: int) -> int:
         return at.get((*index_of(od, name), bits), -1) if has(od, name) else -1
 
     age = of(SAMPLE_AGE, 16)

@@ -15,7 +15,6 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
-from typing import Final
 
 from skinbus.errors import Fault
 from skinbus.objects import cia
@@ -27,7 +26,7 @@ Setting = Scalar | tuple[Scalar, ...]
 Settings = tuple[tuple[str, Setting], ...]
 """Names and values in a form that can be a key of a cache; see :func:`freeze`."""
 
-NO_SETTINGS: Final[Settings] = ()
+NO_SETTINGS: Settings = ()
 
 _INDEX = re.compile(r"0x(?P<index>[0-9a-f]{4})(?::(?P<sub>[0-9a-f]{1,2}))?", re.IGNORECASE)
 

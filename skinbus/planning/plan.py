@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Any, Final, NamedTuple
 
@@ -22,7 +22,7 @@ from skinbus.objects.new_board import NewBoard
 from skinbus.objects.profile import TACTEL_COUNT, current, look_up
 from skinbus.objects.readings import DEADLINE
 from skinbus.planning.schedule import SECOND, ErrorModel, Message, Release, cycle_times, frame_ns, load
-from skinbus.planning.traffic import ASSUMED, BIT_ERROR_RATE, ERROR_BURST, Traffic, node_id_of, traffic
+from skinbus.planning.traffic import BIT_ERROR_RATE, ERROR_BURST, Traffic, node_id_of, traffic
 
 _FD_BOARDS: Final = 'eds = "skin-patch-fd", or `skinbus board new --canfd`'
 _HIGHEST_HZ: Final = 2000.0
@@ -30,11 +30,6 @@ _SYNC_BITS: Final = 52
 """Of a SYNC with counter until it is received, when no bit is stuffed: patches sample then."""
 _RATE_STEP: Final = 0.5
 """Rates are searched to this, Hz."""
-_WRITTEN: Final = (
-    *("arm", "bitrate", "data_bitrate", "rate_hz", "level", "holds", "load", "cyclic_load", "response_ns"),
-    *("compute_ns", "wait_ns", "readings_ns", "published_ns", "latency_ns", "warnings"),
-)
-_OF_LEVEL: Final = ("compute_ns", "holds", "largest_hz")
 
 
 class PlanRow(NamedTuple):
@@ -222,18 +217,6 @@ class Plan:
                 if hz > self.largest_hz
             ),
         ]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the plan as plain values, for JSON."""
-        return {
-            **{name: getattr(self, name) for name in _WRITTEN},
-            "patches": len(self.ods),
-            "assumed": ASSUMED,
-            "levels": {fit.level: {name: getattr(fit, name) for name in _OF_LEVEL} for fit in self.levels},
-            "messages": [
-                asdict(m) | {"release": m.release.value, "worst_ns": worst_ns} for m, worst_ns in self.rows
-            ],
-        }
 
 
 def plans(

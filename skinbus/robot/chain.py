@@ -7,21 +7,20 @@ that they carry. All poses are in the base frame, which no joint may move. X_AB 
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from skinbus.arrays import Floats, Ints
+from skinbus.arrays import Bools, Floats, Ints
 from skinbus.errors import ArgumentError, ConfigError, Fault
 from skinbus.model import Arm
 from skinbus.model.robot import RobotSettings
 from skinbus.robot.urdf import Joint, read_urdf
 
-MAX_JOINTS: Final = 16
+MAX_JOINTS = 16
 """Of the paths from the base to the skin and the tool: twice those of any arm; objects exist for so many."""
-SLACK_RAD: Final = 0.1
-SLACK_M: Final = 0.01
+SLACK_RAD = 0.1
+SLACK_M = 0.01
 """How far positions may be beyond limits: joints are calibrated to a degree or a millimetre, and go a little
 beyond soft limits; degrees in place of radians, or mm in place of m, are far more."""
 
@@ -46,12 +45,12 @@ class Chain(NamedTuple):
     names: tuple[str, ...]
     kinds: tuple[str, ...]
     parent: Ints
-    linear: npt.NDArray[np.bool_]
+    linear: Bools
     X_PJ: Floats
     axis: Floats
     carrier: Ints
     X_CF: Floats
-    moves: npt.NDArray[np.bool_]
+    moves: Bools
     lower: Floats
     upper: Floats
     velocity: Floats
@@ -61,7 +60,7 @@ class Chain(NamedTuple):
         """Number of moving joints."""
         return len(self.names)
 
-    def are_beyond(self, positions: Floats) -> npt.NDArray[np.bool_]:
+    def are_beyond(self, positions: Floats) -> Bools:
         """Return which positions (n_joints,) are beyond limits; limits that leave no range are none."""
         slack = np.where(self.linear, SLACK_M, SLACK_RAD)
         is_limited = (np.array(self.kinds) != "continuous") & (self.lower < self.upper)

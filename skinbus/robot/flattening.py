@@ -14,7 +14,7 @@ method for u); M. Ben-Chen, C. Gotsman, G. Bunin, Conformal flattening by curvat
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -29,13 +29,13 @@ from skinbus.robot.mesh import Mesh, length_of, rims_of, sides_of
 
 Complex = npt.NDArray[np.complex128]
 
-REACH: Final = 0.03
+REACH = 0.03
 """m, over which a chart goes on beyond tactels: the laws of covers of up to 10 mm end there."""
-HOLE: Final = 0.1
+HOLE = 0.1
 """m around: less is a hole in a part, more may be the rim of a link of 32 mm and more in diameter."""
-_BAY: Final = HOLE / (2.0 * np.pi)
-_ROUNDS: Final = 20
-_FLAT: Final = 1e-10
+_BAY = HOLE / (2.0 * np.pi)
+_ROUNDS = 20
+_FLAT = 1e-10
 """rad, of the cone angles that are left: turns of the last triangle against the first by less than 1e-6."""
 
 

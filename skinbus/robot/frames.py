@@ -11,7 +11,7 @@ Source: K. Lynch, F. Park, Modern Robotics (2017), 5.1 (geometric Jacobian), 5.2
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,14 +22,14 @@ from skinbus.model.mesh_surface import MeshSurface
 from skinbus.model.surface import places_on
 from skinbus.robot.chain import load_chain
 
-FRAMES: Final = ("link", "base", "tool")
+FRAMES = ("link", "base", "tool")
 """Frames of the output, in the order of its arrays."""
-_STEP: Final = 1e-5
+_STEP = 1e-5
 """m, of differences on a surface: on a radius of 40 mm they err by 1e-8 of themselves."""
-_AROUND: Final = _STEP * np.array([[0.0, 1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, -1.0]])[:, :, None]
+_AROUND = _STEP * np.array([[0.0, 1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, -1.0]])[:, :, None]
 """(2, 5, 1) m: a place, and places before and behind it in s and in a."""
-_UPPER: Final = np.triu_indices(3)
-LARGEST: Final = float(np.finfo(np.float32).max)
+_UPPER = np.triu_indices(3)
+LARGEST = float(np.finfo(np.float32).max)
 """What does not fit into a REAL32 is this, not infinite."""
 
 
@@ -89,8 +89,8 @@ def _cross(a: Floats, b: Floats) -> Floats:
     return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
 
 
-_NEXT: Final = np.array([1, 2, 0])
-_LAST: Final = np.array([2, 0, 1])
+_NEXT = np.array([1, 2, 0])
+_LAST = np.array([2, 0, 1])
 
 
 class RobotFrames:
@@ -105,7 +105,7 @@ class RobotFrames:
         assert arm.robot is not None
         self.arm = arm
         self.chain = chain = load_chain(arm.robot)
-        self._shapes = np.stack([arm.link_radius, arm.link_taper, arm.link_period, arm.link_length])
+        self._shapes = arm.link_shapes.T
         surfaces = [link.surface for link in arm.links]
         self._meshes = [(k, mesh) for k, mesh in enumerate(surfaces) if isinstance(mesh, MeshSurface)]
         across = np.zeros((chain.n_joints, 3, 3))  # of axes: across @ v is the cross product

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,14 +21,14 @@ from skinbus.arrays import Floats, Ints
 from skinbus.errors import ConfigError, Fault, FaultList, SkinbusError
 from skinbus.file_bytes import read_bytes
 
-MOST_TRIANGLES: Final = 300_000
+MOST_TRIANGLES = 300_000
 """A link of a square metre at edges of 3 mm has 260 000; more take minutes and say nothing about a skin."""
-MOST_BYTES: Final = 100_000_000
+MOST_BYTES = 100_000_000
 """Of a file: so many triangles as text, with normals and names."""
-SIZES: Final = (0.02, 5.0)
+SIZES = (0.02, 5.0)
 """m, of the longest side: outside of these the unit is wrong."""
-FORMATS: Final = (".stl", ".obj", ".ply")
-_NEAREST: Final = 24
+FORMATS = (".stl", ".obj", ".ply")
+_NEAREST = 24
 """Triangles by their middles among which the nearest one of a point is looked for."""
 
 

@@ -14,44 +14,44 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.arrays import Floats
+from skinbus.arrays import Bools, Floats
 from skinbus.errors import ConfigError, Fault, FaultList, SkinbusError
 from skinbus.model.bend import EXPONENTS, MOST, POWERS
 from skinbus.model.mesh_surface import MeshSurface
-from skinbus.robot.flattening import Flattening, flatten
+from skinbus.robot.flattening import Complex, Flattening, flatten
 from skinbus.robot.mesh import Mesh, nearest_places, refine
 
 Arrays = dict[str, npt.NDArray[Any]]
 
-STEP: Final = 2e-3
+STEP = 2e-3
 """m, of the grid: see ``model.mesh_surface``."""
-EDGE: Final = 5e-3
+EDGE = 5e-3
 """m: longer edges are divided; a tactel measures 5 to 10 mm."""
-OFF: Final = 0.02
+OFF = 0.02
 """m: a board or a tactel further from the mesh is not meant to be on it."""
-SCALES: Final = (0.75, 1.0 / 0.75)
+SCALES = (0.75, 1.0 / 0.75)
 """Beyond these the scale changes so fast that distances of 10 mm err by a tenth."""
-REACH: Final = 0.04
+REACH = 0.04
 """m, to which distances are fitted: the laws of covers of up to 10 mm end at 30 mm."""
-_LENGTHS: Final = 0.005 * np.arange(1.0, 9.0)
+_LENGTHS = 0.005 * np.arange(1.0, 9.0)
 """m, of the geodesics from a tactel, up to ``REACH``."""
-_ANGLES: Final = 2.0 * np.pi * np.arange(16) / 16
-FLAT: Final = 1e-4
+_ANGLES = 2.0 * np.pi * np.arange(16) / 16
+FLAT = 1e-4
 """Part of a distance of 20 mm below which its correction is left out: 2 um. What can be unrolled
 needs none."""
-_FLAT_AT: Final = 0.02
-_RANK: Final = 1e-3
+_FLAT_AT = 0.02
+_RANK = 1e-3
 """Of singular values: what places beside a rim do not determine stays zero."""
-_ON: Final = 1e-4
+_ON = 1e-4
 """m, from the chart: beyond it a place is not on it."""
-_ROUNDING: Final = 1e-9
+_ROUNDING = 1e-9
 """m, of a place that is on the mesh."""
-_KEPT: Final = b"6"
+_KEPT = b"6"
 """Of what is kept: another one where the method changes."""
 
 
@@ -243,7 +243,7 @@ def _places(geodesics: Geodesics, board: Laid, faults: list[Fault]) -> Floats:
     return points
 
 
-def _locate(chart: Flattening, points: Floats) -> tuple[npt.NDArray[np.complex128], Floats]:
+def _locate(chart: Flattening, points: Floats) -> tuple[Complex, Floats]:
     """Return the places s + ia (n,) m on a chart nearest to points (n, 3) m, and how far they are off."""
     triangle, weights = nearest_places(chart.part, points)
     z = (weights * chart.corners()[triangle]).sum(axis=1)
@@ -276,7 +276,7 @@ def _around(geodesics: Geodesics, chart: Flattening, tactels: Floats) -> Floats:
     return np.array(rows)
 
 
-def _grid(chart: Flattening, first: float, shape: tuple[int, int]) -> tuple[Floats, npt.NDArray[np.bool_]]:
+def _grid(chart: Flattening, first: float, shape: tuple[int, int]) -> tuple[Floats, Bools]:
     """Return the nodes (n_s, n_a, 6) of a grid on a chart, and which of them are on the mesh."""
     import trimesh
 

@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Mapping
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +29,7 @@ from skinbus.model.robot import RobotSettings
 from skinbus.printable import shown_value
 from skinbus.robot.chain import Chain
 
-KEPT: Final = 64
+KEPT = 64
 """Positions of a joint: those of a loop of 1 kHz that have come since a SYNC of 20 Hz, and two before."""
 
 

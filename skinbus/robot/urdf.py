@@ -9,7 +9,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,9 +18,9 @@ from skinbus.arrays import Floats
 from skinbus.errors import ConfigError, Fault, FaultList, SkinbusError
 from skinbus.file_bytes import read_bytes
 
-MOST_BYTES: Final = 20_000_000
-KINDS: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
-NUMBERS: Final = {
+MOST_BYTES = 20_000_000
+KINDS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+NUMBERS = {
     "origin.xyz": (0.0, 0.0, 0.0),
     "origin.rpy": (0.0, 0.0, 0.0),
     "axis.xyz": (1.0, 0.0, 0.0),

@@ -40,7 +40,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -51,19 +51,17 @@ from scipy.special import j0, j1
 from skinbus.arrays import Floats
 from skinbus.sim.indenter import Indenter, disc_average
 
-STEP: Final = 50e-6
+STEP = 50e-6
 """Spacing of the tables, m; linear interpolation then errs by some 1e-5 of the peak."""
 
-_DECAY: Final = 36.0  # T falls like exp(-xi z); exp(-36) is below the last digit
-_NODES: Final = 12  # of Gauss-Legendre on each panel; a panel spans at most half a period of the integrand
-REACH: Final = (
-    10.0  # thicknesses; beyond, the stress of a nearly incompressible layer is below 1e-4 of its peak
-)
-SOLVED: Final = 0.05  # depths between solved distances, a cubic spline between them
-GRID: Final = 0.04
+_DECAY = 36.0  # T falls like exp(-xi z); exp(-36) is below the last digit
+_NODES = 12  # of Gauss-Legendre on each panel; a panel spans at most half a period of the integrand
+REACH = 10.0  # thicknesses; beyond, the stress of a nearly incompressible layer is below 1e-4 of its peak
+SOLVED = 0.05  # depths between solved distances, a cubic spline between them
+GRID = 0.04
 """Depths between grid points. Linear interpolation errs by step^2/8 (|p_uu| + |p_vv|); under a line load the
 half-space has p_vv = -4 p/z^2 at its peak, which gives 8e-4 of it; what is wider is smoother."""
-MAX_POINTS: Final = 2**23
+MAX_POINTS = 2**23
 """Of one grid, 64 MB; a larger one is made coarser."""
 
 

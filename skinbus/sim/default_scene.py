@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from skinbus.model import Arm
 
-MOST: Final = 5
+MOST = 5
 """Touches, on boards spread over the arm: as many as people watch."""
 
-FORCE_N: Final = 6.0
-DIAMETER_MM: Final = 12.0
+FORCE_N = 6.0
+DIAMETER_MM = 12.0
 """Of a fingertip; a firm press."""
 
-PRESS_S: Final = 1.5
-GAP_S: Final = 0.5
+PRESS_S = 1.5
+GAP_S = 0.5
 """Patches boot in the first pause, and what moves on the screen can be followed."""
 
 

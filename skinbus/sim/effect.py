@@ -26,21 +26,19 @@ from functools import cached_property
 from typing import Any, ClassVar, TypeVar, dataclass_transform
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import ConfigDict
 
-from skinbus.arrays import Floats
+from skinbus.arrays import Floats, Ints32
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.errors import Fault
 from skinbus.model import Arm
 
 T = TypeVar("T")
-Ints = npt.NDArray[np.int32]
 Rng = np.random.Generator
 
 PressureStep = Callable[[Floats, float], Floats]
-CountStep = Callable[[Ints, float], Ints]
+CountStep = Callable[[Ints32, float], Ints32]
 
 _BLOCK = 256
 _make = tuple.__new__  # half the time of Frame(...), and a scene makes every frame late

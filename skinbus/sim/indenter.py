@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +24,7 @@ from scipy.special import j1, jv
 
 from skinbus.arrays import Floats
 
-N_GROWTH: Final = 33
+N_GROWTH = 33
 """Radii at which the table of a sphere is solved; linear in between errs by less than 2e-3 of the peak."""
 
 

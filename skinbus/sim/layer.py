@@ -9,13 +9,10 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-from skinbus.arrays import Floats
+from skinbus.arrays import Floats, Ints
 from skinbus.model import Arm
 from skinbus.model.mesh_surface import MeshSurface
-
-Ints = npt.NDArray[np.int32]
 
 _DIRECTION = 0.5e-3
 """m, over which the direction of s is taken at a load on a mesh: far less than any radius."""
@@ -78,9 +75,7 @@ class Geometry:
         spread = np.repeat(diameters, np.diff(arm.patch_start))
         return cls(arm, arm.tactel_s.copy(), arm.tactel_a.copy(), spread)
 
-    def ways(
-        self, link: int, s: float, a: float, turn: int | None = None
-    ) -> tuple[npt.NDArray[np.intp], Floats, Floats]:
+    def ways(self, link: int, s: float, a: float, turn: int | None = None) -> tuple[Ints, Floats, Floats]:
         """Return the tactels of a link, and the way to each from a place along s and around, m.
 
         Their length is the distance on the surface. The shorter way around is taken, or one that is ``turn``
@@ -96,7 +91,7 @@ class Geometry:
                 self._on_mesh[link] = surface.position(self.s[tactels], self.a[tactels])
             seen = _seen_on(surface, s, a, *self._on_mesh[link])
             return tactels, seen[:, 0], seen[:, 1]
-        radius, taper, period = arm.link_radius[link], arm.link_taper[link], arm.link_period[link]
+        radius, taper, period, length = arm.link_shapes[link]
         around = self.a[tactels] - a
         if turn is not None:
             around += turn * period
@@ -106,7 +101,7 @@ class Geometry:
         angle *= np.sinc(
             0.5 / np.pi * taper * angle
         )  # the chord of a cone that is rolled out; of sinc pi is a part
-        middle = 0.5 * arm.link_length[link]
+        middle = 0.5 * length
         radii = (radius + taper * (self.s[tactels] - middle)) * (radius + taper * (s - middle))
         return tactels, self.s[tactels] - s, np.sqrt(radii) * angle
 

@@ -14,22 +14,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 
-from skinbus.arrays import Floats
+from skinbus.arrays import Floats, Ints
 from skinbus.sim.bonded_layer import REACH, STEP, quarter_plane, table
 from skinbus.sim.indenter import Indenter
 from skinbus.sim.layer import Geometry, Loads
 
-Indices = npt.NDArray[np.intp]
-
-CUT: Final = 1e-4
+CUT = 1e-4
 """Of the peak: about one count of 16 bits under 10 N."""
-WIDEST: Final = 1.2
+WIDEST = 1.2
 """Times the reach of the layer: widths of tactels may differ by as much."""
 
 
@@ -67,7 +64,7 @@ class RoundTables:
         return np.asarray(self._rows[row] + share * (self._rows[row + 1] - self._rows[row]))
 
 
-def looked_up(tables: Floats, size: Indices, distance: Floats) -> Floats:
+def looked_up(tables: Floats, size: Ints, distance: Floats) -> Floats:
     """Return k of ``tables`` (n_sizes, n) for sizes and distances (n,) m, 0 beyond their end."""
     at = distance / STEP
     cell = np.minimum(at.astype(np.intp), tables.shape[1] - 2)
@@ -129,7 +126,7 @@ class ElasticLaw:
     def _add_extended(self, loads: Loads, j: int, pressures: Floats) -> None:
         """Add an edge or a palm; where it goes around a closed link, all its turns within reach count."""
         geometry, link, yaw = self._geometry, int(loads.link[j]), loads.yaw[j]
-        period = geometry.arm.link_period[link]
+        period = geometry.arm.links[link].surface.period
         for number, (plane, step) in enumerate(self._planes[int(loads.indenter[j])]):
             turns = math.ceil(step * math.hypot(*plane.shape) / period) if period > 0.0 else 0
             for turn in range(-turns, turns + 1):
@@ -140,7 +137,7 @@ class ElasticLaw:
                     k *= geometry.response.gain[tactels]
                 pressures[tactels] += np.where(self._size[tactels] == number, loads.force[j] * k, 0.0)
 
-    def _responses(self, tables: Floats, size: Indices, tactels: Indices, x: Floats, y: Floats) -> Floats:
+    def _responses(self, tables: Floats, size: Ints, tactels: Ints, x: Floats, y: Floats) -> Floats:
         """Return what tactels that differ read per newton, (n,) 1/m^2."""
         response = self._geometry.response
         assert response is not None

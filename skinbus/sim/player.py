@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
 from skinbus.can.frame import Frame
 from skinbus.objects.cia import HEARTBEAT_BASE, NMT_COMMAND_ID, SYNC_ID, NmtCommand
 from skinbus.sim.world import World
 
-BOOT_NS: Final = 100_000_000
+BOOT_NS = 100_000_000
 """Time that boards have to start, ns; see ``world.BOOT_S``."""
 
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.arrays import Floats
+from skinbus.arrays import Floats, Ints32
 from skinbus.sim.effect import Stage, stream
-from skinbus.sim.layer import Geometry, Ints
+from skinbus.sim.layer import Geometry
 from skinbus.sim.scene import Scene
 
 
@@ -53,7 +53,7 @@ class Sampler:
         self._is_at_rest = False
         self._changes = any(self._steps[stage] for stage in (Stage.LAYER, Stage.TACTEL, Stage.COUNTS))
         self.pressures = np.zeros(arm.n_tactels)
-        self.counts: Ints = np.zeros(arm.n_tactels, np.int32)
+        self.counts: Ints32 = np.zeros(arm.n_tactels, np.int32)
 
     def sample(self, t_s: float) -> bool:
         """Take a sample at a scene time into ``counts``; False when nothing can have changed."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import MISSING
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from skinbus.config.parameters import read
 from skinbus.config.system import load_arm
@@ -24,12 +24,12 @@ from skinbus.sim.touch_table import TouchTable, touch_of
 if TYPE_CHECKING:
     from skinbus.sim.joint_motion import JointMotion
 
-SCENES: Final = Path(__file__).parent / "scenes"
+SCENES = Path(__file__).parent / "scenes"
 """The scenes that travel with the package."""
 
 T = TypeVar("T")
 
-_TABLES: Final = ("scene", "layer", "joint", "touch", "effect")
+_TABLES = ("scene", "layer", "joint", "touch", "effect")
 
 
 @settings

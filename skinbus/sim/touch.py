@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skinbus.arrays import Floats
+from skinbus.arrays import Floats, Ints32
 from skinbus.model import Arm
 from skinbus.sim.indenter import Indenter, Shape
-from skinbus.sim.layer import Ints, Loads
+from skinbus.sim.layer import Loads
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -73,14 +73,14 @@ class Touch:
 class Touches:
     """The touches that press at one time, as columns: the truth that contacts are compared with."""
 
-    link: Ints
+    link: Ints32
     s: Floats
     """m"""
     a: Floats
     """m, wrapped"""
     force: Floats
     """N, above zero"""
-    touch: Ints
+    touch: Ints32
     """Number of the touch in the scene."""
 
     def __len__(self) -> int:
@@ -91,7 +91,7 @@ class TouchPlan:
     """All touches of a scene, and the loads they make at a time."""
 
     def __init__(self, arm: Arm, touches: Sequence[Touch]) -> None:
-        self._touches, self._period = touches, arm.link_period
+        self._touches, self._period = touches, arm.link_shapes[:, 2]
         self._times = np.array([(touch.start, touch.end) for touch in touches]).reshape(-1, 2)
         known: dict[Indenter, int] = {}
         self._numbers = [known.setdefault(touch.indenter, len(known)) for touch in touches]

@@ -8,7 +8,8 @@ Where: ``xyz_mm``, a point of the surface; ``s_mm`` with ``angle_deg`` (closed s
 from __future__ import annotations
 
 import math
-from typing import Annotated, Final, Literal
+from collections.abc import Callable
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -21,7 +22,7 @@ from skinbus.sim.effect import parameter, settings
 from skinbus.sim.indenter import Shape
 from skinbus.sim.touch import Touch
 
-_SIZES: Final = {
+_SIZES = {
     "point": (),
     "disc": ("diameter_mm",),
     "edge": ("length_mm",),
@@ -30,10 +31,13 @@ _SIZES: Final = {
 }
 """Sizes that each shape needs; it takes no others."""
 
-_PULSE: Final = np.linspace(0.0, 1.0, 17)
+_PULSE = np.linspace(0.0, 1.0, 17)
 """Keys of a half sine; linear in between errs by 1 % of the peak at most."""
-OFF: Final = 5e-3
+OFF = 5e-3
 """m: a point of a touch further from the surface is not meant to be on it."""
+
+AddFault = Callable[[str, object, str], None]
+"""Adds a fault of a key: what was seen, and what was wanted."""
 
 Millimetres = Annotated[float, Field(gt=0, le=1000)]
 Keys2 = Annotated[tuple[tuple[float, float], ...], Field(min_length=2)]
@@ -76,17 +80,24 @@ def touch_of(
 ) -> Touch | None:
     """Return the touch that a table means, or None after adding its faults."""
     before = len(faults)
-    force = _force(table, key, duration_s, faults)
-    _check_shape(table, key, faults)
+
+    def fault(name: str, seen: object, wanted: str) -> None:
+        faults.append(Fault(f"{key}.{name}", seen, wanted))
+
+    force = _force(table, duration_s, fault)
+    for size in ("diameter_mm", "length_mm", "width_mm"):
+        seen = getattr(table, size)
+        if (seen is None) == (size in _SIZES[table.shape]):
+            fault(size, seen, f"{'nothing' if seen else 'a value'}: the shape is {table.shape}")
     link, path = 0, None
     if arm is not None:
         names = [link.name for link in arm.links]
         if table.link in names:
             link = names.index(table.link)
-            path = _path(table, key, arm.links[link].surface, faults)
+            path = _path(table, arm.links[link].surface, fault)
         else:
-            faults.append(Fault(f"{key}.link", table.link, f"a link of arm {arm.name}: {', '.join(names)}"))
-    if len(faults) > before or path is None or force is None:
+            fault("link", table.link, f"a link of arm {arm.name}: {', '.join(names)}")
+    if len(faults) > before or path is None:
         return None
     return Touch(
         link=link,
@@ -102,81 +113,75 @@ def touch_of(
     )
 
 
-def _beside(table: TouchTable, key: str, others: tuple[str, ...], what: str, faults: list[Fault]) -> None:
+def _beside(table: TouchTable, what: str, others: tuple[str, ...], fault: AddFault) -> None:
     """Add a fault for each key that may not stand beside another."""
     for other in others:
-        if (seen := getattr(table, other)) is not None:
-            faults.append(Fault(f"{key}.{other}", seen, f"nothing beside {what}"))
+        if other != what and (seen := getattr(table, other)) is not None:
+            fault(other, seen, f"nothing beside {what}")
 
 
-def _path(table: TouchTable, key: str, surface: Surface, faults: list[Fault]) -> Floats | None:
+def _path(table: TouchTable, surface: Surface, fault: AddFault) -> Floats | None:
     """Return the keys (n, 3) of t (s), s (m), a (m)."""
-    closed = surface.period > 0.0
-    place = next((name for name in ("xyz_mm", "path") if getattr(table, name) is not None), "s_mm")
+    closed, per_degree = surface.period > 0.0, math.radians(1.0) * surface.radius
+    place = "s_mm" if table.path is None else "path"
     if table.xyz_mm is not None:
-        _beside(table, key, ("s_mm", "angle_deg", "a_mm", "path"), "xyz_mm", faults)
+        place = "xyz_mm"
         (s,), (a,), (height,) = surface.project(1e-3 * np.array([table.xyz_mm]))
         if abs(height) > OFF:
-            wanted = f"on link {table.link}; {1e3 * height:.1f} mm over it"
-            faults.append(Fault(f"{key}.xyz_mm", table.xyz_mm, wanted))
+            fault("xyz_mm", table.xyz_mm, f"on link {table.link}; {1e3 * height:.1f} mm over it")
         keys = np.array([[0.0, s, a]])
-    elif table.path is None:
-        before = len(faults)
-        a = table.angle_deg if closed and table.a_mm is None else table.a_mm
+    elif table.path is not None:
+        keys = np.array(table.path) * (1.0, 1e-3, per_degree if closed else 1e-3)
+        if (np.diff(keys[:, 0]) <= 0.0).any():
+            fault("path", [k[0] for k in table.path], "times that grow")
+    else:
+        around = table.angle_deg if closed and table.a_mm is None else table.a_mm
         if table.s_mm is None:
-            faults.append(Fault(f"{key}.s_mm", None, "a value, or a path"))
-        if a is None:
+            fault("s_mm", None, "a value, or a path")
+        if around is None:
             wanted = f"a value, or a path; link {table.link} is a {surface.kind}"
-            faults.append(Fault(f"{key}.{'angle_deg' if closed else 'a_mm'}", None, wanted))
+            fault("angle_deg" if closed else "a_mm", None, wanted)
         if table.angle_deg is not None and (table.a_mm is not None or not closed):
             wanted = "not both of angle_deg and a_mm" if closed else f"a_mm on a {surface.kind}"
-            faults.append(Fault(f"{key}.angle_deg", table.angle_deg, wanted))
-        if len(faults) > before or table.s_mm is None or a is None:
+            fault("angle_deg", table.angle_deg, wanted)
+        if table.s_mm is None or around is None:
             return None
-        scale = 1e-3 if table.angle_deg is None else math.radians(1.0) * surface.radius
-        keys = np.array([[0.0, 1e-3 * table.s_mm, scale * a]])
-    else:
-        _beside(table, key, ("s_mm", "angle_deg", "a_mm"), "a path", faults)
-        scale = math.radians(1.0) * surface.radius if closed else 1e-3
-        keys = np.array(table.path) * (1.0, 1e-3, scale)
-        if (np.diff(keys[:, 0]) <= 0.0).any():
-            faults.append(Fault(f"{key}.path", [k[0] for k in table.path], "times that grow"))
+        keys = np.array([[0.0, 1e-3 * table.s_mm, (per_degree if table.a_mm is None else 1e-3) * around]])
+    if place != "s_mm":
+        _beside(table, place, ("s_mm", "angle_deg", "a_mm", "path"), fault)
     s, a = keys[:, 1:].T
     is_on = (s >= 0.0) & (s <= surface.length) & (closed | (np.abs(a) <= 0.5 * surface.width))
+    near = ""
     if isinstance(surface, MeshSurface):
         is_on &= surface.contains(s, a)
+        near = ", near its boards"
     if not is_on.all():
-        seen = "s {:.1f}, a {:.1f} mm".format(*1e3 * keys[~is_on][0, 1:])
-        wanted = f"on link {table.link}: s 0 to {1e3 * surface.length:g} mm"
-        wanted += "" if closed else f", a within +-{500 * surface.width:g} mm"
-        wanted += ", near its boards" if isinstance(surface, MeshSurface) else ""
-        faults.append(Fault(f"{key}.{place}", seen, wanted))
+        across = "" if closed else f", a within +-{500 * surface.width:g} mm"
+        wanted = f"on link {table.link}: s 0 to {1e3 * surface.length:g} mm{across}{near}"
+        fault(place, "s {:.1f}, a {:.1f} mm".format(*1e3 * keys[~is_on][0, 1:]), wanted)
     return keys
 
 
-def _force(table: TouchTable, key: str, duration_s: float | None, faults: list[Fault]) -> Floats | None:
+def _force(table: TouchTable, duration_s: float | None, fault: AddFault) -> Floats:
     """Return the keys (n, 2) of t (s), F (N)."""
-    before = len(faults)
-    end_key = "force_n"
-    if isinstance(table.force_n, tuple):
-        _beside(table, key, ("start_s", "end_s"), "keys of force_n", faults)
-        keys = np.array(table.force_n)
+    end_key, f = "end_s", table.force_n
+    if isinstance(f, tuple):
+        end_key, keys = "force_n", np.array(f)
+        _beside(table, "keys of force_n", ("start_s", "end_s"), fault)
         if (np.diff(keys[:, 0]) < 0.0).any() or keys[0, 0] < 0.0 or keys[-1, 0] <= keys[0, 0]:
-            faults.append(Fault(f"{key}.force_n", [k[0] for k in table.force_n], "times from 0 on that grow"))
+            fault("force_n", [k[0] for k in f], "times from 0 on that grow")
         if (least := float(keys[:, 1].min())) < 0.0:
-            faults.append(Fault(f"{key}.force_n", least, "forces of 0 N or more: skin is not pulled"))
+            fault("force_n", least, "forces of 0 N or more: skin is not pulled")
     else:
-        start, end_key = table.start_s or 0.0, "end_s"
+        start = table.start_s or 0.0
         end = table.end_s or duration_s or start + 1.0
         ramp = min(table.ramp_s, 0.5 * (end - start))
         if end <= start:
-            faults.append(Fault(f"{key}.end_s", end, f"later than the start, {start:g} s"))
-        f = table.force_n
+            fault("end_s", end, f"later than the start, {start:g} s")
         keys = np.array([[start, 0.0], [start + ramp, f], [end - ramp, f], [end, 0.0]])
     if duration_s is not None and keys[-1, 0] > duration_s:
-        wanted = f"at most the duration of the scene, {duration_s:g} s"
-        faults.append(Fault(f"{key}.{end_key}", float(keys[-1, 0]), wanted))
-    return keys if len(faults) == before else None
+        fault(end_key, float(keys[-1, 0]), f"at most the duration of the scene, {duration_s:g} s")
+    return keys
 
 
 def _with_impact(force: Floats, table: TouchTable) -> Floats:
@@ -187,13 +192,3 @@ def _with_impact(force: Floats, table: TouchTable) -> Floats:
     times = np.union1d(force[:, 0], pulse)
     impact = np.interp(times, pulse, table.impact_n * np.sin(np.pi * _PULSE), right=0.0)
     return np.column_stack([times, np.interp(times, force[:, 0], force[:, 1]) + impact])
-
-
-def _check_shape(table: TouchTable, key: str, faults: list[Fault]) -> None:
-    needed = _SIZES[table.shape]
-    for size in ("diameter_mm", "length_mm", "width_mm"):
-        seen = getattr(table, size)
-        if size in needed and seen is None:
-            faults.append(Fault(f"{key}.{size}", None, f"a value: the shape is {table.shape}"))
-        if size not in needed and seen is not None:
-            faults.append(Fault(f"{key}.{size}", seen, f"nothing: the shape is {table.shape}"))

@@ -17,26 +17,25 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf
-from typing import Final
 
 import numpy as np
 from canopen.objectdictionary import ObjectDictionary
 
+from skinbus.arrays import Ints32
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event
 from skinbus.can.frame import Frame
 from skinbus.config.system import ods_of
 from skinbus.node import Device, PatchHost, Sample
-from skinbus.node.storage import MemoryStorage
 from skinbus.objects.cia import SYNC_ID
 from skinbus.sim.boards import DriftingDevice, SpoiltTraffic
-from skinbus.sim.effect import Ints, Stage, on_bus, stream
+from skinbus.sim.effect import Stage, on_bus, stream
 from skinbus.sim.sampler import Sampler
 from skinbus.sim.scene import Scene
 from skinbus.sim.touch import Touches
 
-_HISTORY: Final = 4096
-BOOT_S: Final = (0.005, 0.050)
+_HISTORY = 4096
+BOOT_S = (0.005, 0.050)
 """Boards start up between these times after power-on, s: microcontrollers do not wake in step."""
 
 
@@ -80,8 +79,8 @@ class World(Core):
         ]
         """By bus."""
         self._tactels = [slice(arm.patch_start[mine.start], arm.patch_start[mine.stop]) for mine in patches]
-        self._sampled: Ints | None = None
-        self._counts: list[Ints] = []
+        self._sampled: Ints32 | None = None
+        self._counts: list[Ints32] = []
         """Of each bus."""
         self._healthy = np.ones(arm.n_tactels, np.bool_)
         self.devices = [device for host in self.hosts for device in host.devices]
@@ -141,8 +140,8 @@ class World(Core):
         """Return patch p."""
         node_id, ppm = int(self.scene.arm.node_id[p]), float(self.sampler.clock_ppm[p])
         if not ppm:
-            return Device(od, node_id, storage=MemoryStorage())
-        device = DriftingDevice(od, node_id, storage=MemoryStorage())
+            return Device(od, node_id, storage={})
+        device = DriftingDevice(od, node_id, storage={})
         device.ppm = ppm
         return device
 

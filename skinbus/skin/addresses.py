@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from skinbus.bus.interface import Bus
 from skinbus.bus.opening import open_interface
@@ -18,7 +18,7 @@ NEED_CHANNEL = ("slcan", "serial", "robotell", "seeedstudio")
 """Interfaces behind a serial port; python-can has no default for it."""
 
 
-ALWAYS_FD: Final = ("udp_multicast", "virtual")
+ALWAYS_FD = ("udp_multicast", "virtual")
 """Interfaces on which a CAN FD socket receives classic frames too."""
 
 
@@ -55,11 +55,6 @@ def carries_fd(place: BusAddress) -> bool:
         return place.interface == "socketcan" and int(mtu.read_text()) >= CANFD_MTU
     except OSError:  # it is not there: opening it says so
         return False
-
-
-def find_place(interface: str | None, channel: str | None, bitrate: int | None) -> BusAddress:
-    """Return the place of a bus that no arm file describes."""
-    return find_places((BusSettings(),), interface, (channel,) if channel else (), bitrate)[0]
 
 
 def find_places(
@@ -143,12 +138,13 @@ def bus_numbers(arm: Arm, names: Sequence[str]) -> list[int]:
     return sorted({known.index(name) for name in names}) if names else list(range(len(known)))
 
 
-def one_bus(arm: Arm, name: str | None) -> Arm:
+def one_bus(arm: Arm, names: Sequence[str]) -> Arm:
     """Return the arm as far as it is on one bus, for commands that work on one at a time."""
-    if name is None and len(arm.buses) > 1:
+    numbers = bus_numbers(arm, names)
+    if len(numbers) > 1:
         known = ", ".join(bus.name for bus in arm.buses)
         raise AddressError(f"{arm.name} has several buses; say which by --bus: {known}")
-    return arm.part(bus_numbers(arm, [name] if name else [])[0])
+    return arm.part(numbers[0])
 
 
 def shown(places: Sequence[BusAddress]) -> str:

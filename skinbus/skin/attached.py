@@ -7,7 +7,6 @@ import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -22,13 +21,13 @@ from skinbus.skin.robot_here import RobotHere
 from skinbus.skin.shared_memory import SharedReader
 from skinbus.skin.skin import Skin
 
-LOOKS: Final = 20
+LOOKS = 20
 """Looks in a period of one who waits for the next cycle: 1 ms at 50 Hz."""
 
-ATTACH_PAUSE_S: Final = 0.02
+ATTACH_PAUSE_S = 0.02
 """Between two looks for a writer: a cycle at 50 Hz."""
 
-MARGIN: Final = 2
+MARGIN = 2
 """Slots that are not counted on: the one that is written, and the next."""
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
-from typing import Final
 
 from skinbus.config.system import load_arm
 from skinbus.estimate import LEVELS, Estimator
@@ -13,9 +12,9 @@ from skinbus.jit import CompileRefused, on_compile, refuse
 from skinbus.jit.kernel_files import kernel_folder
 from skinbus.master import Master
 
-ARM: Final = "pad"
+ARM = "pad"
 """Kernels are compiled for the kinds of their arguments, which are the same for every arm: the smallest."""
-WARM: Final = (sys.executable, "-m", "skinbus", "doctor", "warm")
+WARM = (sys.executable, "-m", "skinbus", "doctor", "warm")
 """It waits for another of its kind, and then finds everything compiled."""
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.arrays import Floats
+from skinbus.arrays import Floats, Ints
 from skinbus.errors import ArgumentError, LocalProtocolError
 from skinbus.estimate import LEVELS, Quality, TrackState
 from skinbus.skin.layout import SkinLayout
@@ -24,7 +24,7 @@ Level = Literal["kmeans", "fit", "full"]
 """Of the estimator."""
 Frame = Literal["surface", "link", "base", "tool"]
 
-CONTACT: Final = np.dtype(
+CONTACT = np.dtype(
     [
         ("identity", "<i8"),
         ("seen_ns", "<i8"),
@@ -37,13 +37,13 @@ CONTACT: Final = np.dtype(
 )
 """A contact as a record of 184 bytes: what shared memory holds, see ``docs/shared-memory.md``."""
 
-UNKNOWN_LEVEL: Final = 255
+UNKNOWN_LEVEL = 255
 """Level of a record of which neither level nor quality is known."""
 
-NO_ROBOT: Final = (
+NO_ROBOT = (
     "frames and torques need [robot] in the arm file; shared memory needs that file: attach(NAME, arm=...)"
 )
-_ROWS: Final = {"link": 0, "base": 1, "tool": 2}
+_ROWS = {"link": 0, "base": 1, "tool": 2}
 """Frames in the order of the arrays of ``RobotContacts``."""
 
 
@@ -51,7 +51,7 @@ class Placed(NamedTuple):
     """Contacts of a cycle on the robot."""
 
     robot: RobotContacts
-    rows: npt.NDArray[np.int64]
+    rows: Ints
     """(n_contacts,) row of each in ``robot``; -1 of one that is not seen in the cycle."""
 
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.arrays import Floats
+from skinbus.arrays import Bools, Bytes, Floats
 from skinbus.errors import LocalProtocolError
 from skinbus.estimate import TactelFault as TactelFault
 from skinbus.estimate import TrackState as TrackState
@@ -31,7 +31,7 @@ from skinbus.skin.layout import SkinLayout as SkinLayout
 if TYPE_CHECKING:
     from skinbus.robot import RobotContacts
 
-PATCH: Final = np.dtype([("last_fresh_ns", "<i8"), ("state", "<u4"), ("emcy", "<u4")])
+PATCH = np.dtype([("last_fresh_ns", "<i8"), ("state", "<u4"), ("emcy", "<u4")])
 """The state of a patch as a record of 16 bytes."""
 
 
@@ -62,9 +62,9 @@ class Readings:
 
     pressures: Floats
     """(n_tactels,) Pa, less the zeros; 0 where they are not valid."""
-    valid: npt.NDArray[np.bool_]
+    valid: Bools
     """(n_tactels,) sampled in this cycle, by a tactel that is healthy and plausible."""
-    faults: npt.NDArray[np.uint8]
+    faults: Bytes
     """(n_tactels,) bits of ``TactelFault``: why a tactel is not plausible; 0 for nothing."""
 
     @classmethod
@@ -73,9 +73,7 @@ class Readings:
         return cls(np.zeros(n), np.zeros(n, np.bool_), np.zeros(n, np.uint8))
 
     @classmethod
-    def of(
-        cls, arm: Arm, pressures: Floats, fresh: npt.NDArray[np.bool_], faults: npt.NDArray[np.integer]
-    ) -> Readings:
+    def of(cls, arm: Arm, pressures: Floats, fresh: Bools, faults: npt.NDArray[np.integer]) -> Readings:
         """Return those of an arm, of which the patches that are ``fresh`` have answered."""
         valid = fresh[arm.tactel_patch] & arm.tactel_healthy & (faults == 0)
         return cls(np.where(valid, pressures, 0.0), valid, faults.astype(np.uint8))

@@ -6,7 +6,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping
-from typing import Final
 
 import numpy.typing as npt
 
@@ -17,13 +16,13 @@ from skinbus.skin.cycle import Cycle, SkinLayout, no_cycle
 Positions = npt.ArrayLike | Mapping[str, float]
 """Of joints: a number for each that is set from Python, or some by name."""
 
-KEPT: Final = 256
+KEPT = 256
 """Cycles that a consumer may be behind before it loses some: 5 s at 50 Hz."""
 
-LATE_S: Final = 0.1
+LATE_S = 0.1
 """A simulation or recording that is so late does not catch up: its time goes on from there."""
 
-PACE_S: Final = 1.0
+PACE_S = 1.0
 """Over which its pace is measured."""
 
 

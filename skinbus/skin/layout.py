@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.arrays import Floats
+from skinbus.arrays import Floats, Ints32
 from skinbus.errors import ArgumentError
 from skinbus.model import Arm
 
-_STEP: Final = 1e-6
+_STEP = 1e-6
 """m to which places are compared: far below what is felt, far above what libraries round differently."""
 
 
@@ -24,13 +23,13 @@ class SkinLayout:
     name: str
     links: tuple[str, ...]
     buses: tuple[str, ...]
-    node_id: npt.NDArray[np.int32]
+    node_id: Ints32
     """(n_patches,)"""
-    patch_bus: npt.NDArray[np.int32]
+    patch_bus: Ints32
     """(n_patches,) numbers of buses."""
-    patch_link: npt.NDArray[np.int32]
+    patch_link: Ints32
     """(n_patches,) numbers of links."""
-    patch_tactels: npt.NDArray[np.int32]
+    patch_tactels: Ints32
     """(n_patches,) numbers of tactels."""
     period_ns: int
     X_LS: Floats | None = None

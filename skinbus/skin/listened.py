@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from threading import Event
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,10 +21,12 @@ from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import BusError
 from skinbus.estimate import Baseline, Plausibility, TrackState
+from skinbus.master.level_control import split_flags
 from skinbus.master.patches.table import MAX_MISSED, PatchState
 from skinbus.model import Arm
 from skinbus.node.sdo_client import SdoClient
 from skinbus.objects import cia, profile
+from skinbus.objects.contacts import FORCE_STEP, LENGTH_STEP
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import carries_readings, tpdos
 from skinbus.objects.readings import N_IDS, ReadingsPlan
@@ -32,15 +34,15 @@ from skinbus.skin.addresses import BusAddress, find_places, shown
 from skinbus.skin.contact import CONTACT, UNKNOWN_LEVEL, Context, Records
 from skinbus.skin.cycle import PATCH, Cycle, Readings, SkinLayout, fill_places
 from skinbus.skin.feed import Feed, Positions
-from skinbus.skin.listener import ContactRow, Heard, Listener
+from skinbus.skin.listener import Heard, Listener
 from skinbus.skin.opened import Channel, channel_words
 from skinbus.skin.robot_here import RobotHere
 from skinbus.skin.skin import Skin
 
-LOOK_NS: Final = 20_000_000
+LOOK_NS = 20_000_000
 """How often requests of the program are looked for."""
 
-ZERO_S: Final = 3.0
+ZERO_S = 3.0
 """Longest time that an answer of the master to a command is waited for."""
 
 
@@ -90,7 +92,7 @@ class ListenCore(Core):
         self._arm, self._node_id = arm, node_id
         self._feed = feed
         self._listener = listener = Listener(node_id)
-        self._seen_ns: dict[int, int] = {}
+        self._seen_ns = np.zeros(profile.MAX_CONTACTS, np.int64)
         self._number = self._n_read = 0
         self._fresh_ns = np.zeros(arm.n_patches, np.int64)
         self._heard_ns = np.zeros(arm.n_patches, np.int64)
@@ -166,14 +168,15 @@ class ListenCore(Core):
         self._number += 1
         summary = heard.summary
         sync_ns = summary.t_ns - 1000 * summary.latency_us
-        contacts = self._records(heard.rows, sync_ns)
+        flags, level = split_flags(summary.data[3])
+        contacts = self._records(heard, sync_ns)
         placed = self.robot.place(sync_ns, contacts)
         cycle = Cycle(
             self._number,
             sync_ns,
-            summary.counter,
-            summary.level,
-            summary.flags,
+            summary.data[0],
+            level,
+            flags,
             1e-6 * summary.latency_us,
             Context(self._feed.layout, self._feed.now_ns, lambda: placed),
             contacts,
@@ -194,16 +197,16 @@ class ListenCore(Core):
             self.readings.zero(patch)
         return request
 
-    def _records(self, rows: Sequence[ContactRow], sync_ns: int) -> Records:
-        records = np.zeros(len(rows), CONTACT)
-        for record, row in zip(records, rows, strict=True):
-            state = TrackState(row.state)
-            if state not in (TrackState.COAST, TrackState.LIFT):
-                self._seen_ns[row.slot] = sync_ns
-            for name in ("id", "link", "s", "a", "force"):
-                record[name] = getattr(row, name)
-            record["state"], record["seen_ns"] = state, self._seen_ns.get(row.slot, sync_ns)
-            record["level"] = UNKNOWN_LEVEL
+    def _records(self, heard: Heard, sync_ns: int) -> Records:
+        records, said = np.zeros(len(heard.slots), CONTACT), heard.contacts
+        records["id"], records["state"] = said["id"], said["link_state"] >> 4
+        records["link"], records["level"] = said["link_state"] & 0xF, UNKNOWN_LEVEL
+        records["s"], records["a"] = LENGTH_STEP * said["s"], LENGTH_STEP * said["a"]
+        records["force"] = FORCE_STEP * said["force"]
+        is_seen = ~np.isin(records["state"], (TrackState.COAST, TrackState.LIFT))
+        self._seen_ns[heard.slots[is_seen]] = sync_ns
+        seen_ns = self._seen_ns[heard.slots]
+        records["seen_ns"] = np.where(seen_ns > 0, seen_ns, sync_ns)
         fill_places(records, self._arm)
         return records
 

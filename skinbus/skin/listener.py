@@ -1,52 +1,40 @@
-"""A listener that needs only skin-master.eds: the master's TPDOs as rows of contacts."""
+"""A listener that needs only skin-master.eds: the master's TPDOs as cycles with their contacts."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from struct import Struct
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
+import numpy as np
+
+from skinbus.arrays import Ints
 from skinbus.can.frame import Frame
-from skinbus.master.level_control import CycleFlags, split_flags
 from skinbus.objects import profile
-from skinbus.objects.contacts import FORCE_STEP, LENGTH_STEP, ContactState
+from skinbus.objects.contacts import PAYLOAD, ContactState
 from skinbus.objects.published import usual
-
-_PAYLOAD: Final = Struct("<BBhhH")
-"""A contact: id, link and state, s, a, force."""
-
-
-class ContactRow(NamedTuple):
-    """One contact as its TPDO says it: SI units."""
-
-    slot: int
-    id: int
-    link: int
-    state: ContactState
-    s: float
-    a: float
-    force: float
-    t_ns: int
+from skinbus.skin.contact import Records
 
 
 class Summary(NamedTuple):
     """The summary TPDO."""
 
-    counter: int
-    n_contacts: int
-    flags: CycleFlags
-    level: str | None
-    """None where the master does not say."""
-    latency_us: int
     t_ns: int
+    data: bytes
+
+    @property
+    def latency_us(self) -> int:
+        """From the SYNC to the contacts."""
+        return 10 * int.from_bytes(self.data[6:8], "little")
 
 
 class Heard(NamedTuple):
-    """A cycle of a master."""
+    """A cycle of a master: its summary and contacts; those that have gone are there once, with state LIFT."""
 
     summary: Summary
-    rows: list[ContactRow]
-    """By slot; those that have gone are there once, with state LIFT."""
+    slots: Ints
+    """(n,) of the contacts, growing."""
+    contacts: Records
+    """(n,) of PAYLOAD."""
 
 
 class Listener:
@@ -59,9 +47,9 @@ class Listener:
         self.cob_ids = frozenset(self._slot_of) | {self._summary_id}
         """Identifiers that it takes."""
         self._open: Summary | None = None
-        self._came: dict[int, ContactRow] = {}
+        self._came: dict[int, bytes] = {}
         """Contacts of the open cycle, and ..."""
-        self._there: dict[int, ContactRow] = {}
+        self._there: dict[int, bytes] = {}
         """... those that were there in the cycle before, by slot."""
         self.n_summaries = 0
 
@@ -71,40 +59,35 @@ class Listener:
         A summary begins a cycle and its contacts follow: those seen, and the end of those before it. Where a
         frame was lost the cycle ends with the next summary, and a contact is as it was.
         """
-        slot = self._slot_of.get(frame.can_id)
-        if slot is not None and len(frame.data) == _PAYLOAD.size:
-            self._take_contact(now_ns, slot, frame.data)
-        elif frame.can_id == self._summary_id and len(frame.data) == 8:
+        data, slot = frame.data, self._slot_of.get(frame.can_id)
+        if len(data) != PAYLOAD.itemsize:
+            return
+        if frame.can_id == self._summary_id:
             if self._open:
                 yield self._end_cycle(self._open)
-            self._open = _summary(now_ns, frame.data)
+            self._open = Summary(now_ns, data)
             self.n_summaries += 1
+        elif (
+            slot is not None and self._open and _state(data) <= max(ContactState)
+        ):  # states of another profile are left out
+            self._came[slot] = data
         if self._open and self._is_complete(self._open):
             yield self._end_cycle(self._open)
 
     def _is_complete(self, summary: Summary) -> bool:
-        n_seen = sum(row.state in (ContactState.TOUCH, ContactState.HELD) for row in self._came.values())
-        is_all = n_seen == min(summary.n_contacts, profile.MAX_CONTACTS)
+        n_seen = sum(_state(data) in (ContactState.TOUCH, ContactState.HELD) for data in self._came.values())
+        is_all = n_seen == min(summary.data[1], profile.MAX_CONTACTS)
         return is_all and self._there.keys() <= self._came.keys()
 
     def _end_cycle(self, summary: Summary) -> Heard:
-        rows = [row for _, row in sorted((self._there | self._came).items())]
+        every = sorted((self._there | self._came).items())
+        shown = [(slot, data) for slot, data in every if _state(data) != ContactState.NONE]
         self._open, self._came = None, {}
-        self._there = {
-            row.slot: row for row in rows if row.state not in (ContactState.LIFT, ContactState.NONE)
-        }
-        return Heard(summary, [row for row in rows if row.state is not ContactState.NONE])
-
-    def _take_contact(self, now_ns: int, slot: int, data: bytes) -> None:
-        id, link_state, s, a, force = _PAYLOAD.unpack(data)
-        if link_state >> 4 <= max(ContactState):  # states of another profile are left out
-            state, place = ContactState(link_state >> 4), (s * LENGTH_STEP, a * LENGTH_STEP)
-            if self._open:
-                self._came[slot] = ContactRow(
-                    slot, id, link_state & 0xF, state, *place, force * FORCE_STEP, now_ns
-                )
+        self._there = {slot: data for slot, data in shown if _state(data) != ContactState.LIFT}
+        contacts = np.frombuffer(b"".join(data for _, data in shown), PAYLOAD)
+        return Heard(summary, np.array([slot for slot, _ in shown], np.int64), contacts)
 
 
-def _summary(now_ns: int, data: bytes) -> Summary:
-    latency_us = 10 * int.from_bytes(data[6:8], "little")
-    return Summary(data[0], data[1], *split_flags(data[3]), latency_us, now_ns)
+def _state(data: bytes) -> int:
+    """Return the state in the TPDO of a contact."""
+    return data[1] >> 4

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from skinbus.bus.core_thread import CoreThread
 from skinbus.bus.interface import Bus
@@ -31,7 +31,7 @@ from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.shared_memory import SharedWriter
 from skinbus.skin.skin import Skin
 
-ZERO_S: Final = 2.0
+ZERO_S = 2.0
 """A zero is taken at the end of a cycle: longest time that one is waited for."""
 
 Channel = str | Mapping[str, str] | Sequence[str] | None

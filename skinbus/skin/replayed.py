@@ -6,7 +6,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any, Final, TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -26,13 +26,13 @@ from skinbus.skin.master_cycles import CycleMaker, played
 from skinbus.skin.opened import Channel, channel_words, check_level, saying_why
 from skinbus.skin.skin import Skin
 
-HEAD: Final = 20_000
+HEAD = 20_000
 """Frames, some seconds of a full bus, from which interfaces and rate are found before the work begins."""
 
-MOST_BACK: Final = 0.1
+MOST_BACK = 0.1
 """Share of frames that may have an earlier time than the one before: several interfaces are read in turns."""
 
-SAME_RATE: Final = 0.05
+SAME_RATE = 0.05
 """A recording whose rate is this near to that of the arm file has that rate."""
 
 

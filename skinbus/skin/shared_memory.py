@@ -33,36 +33,36 @@ import struct
 import threading
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from skinbus.arrays import Bytes
 from skinbus.errors import ArgumentError, ShareError
 from skinbus.estimate import LEVELS
 from skinbus.skin.contact import CONTACT, UNKNOWN_LEVEL
 from skinbus.skin.cycle import PATCH, Cycle, SkinLayout
 
-FOLDER: Final = Path("/dev/shm")
+FOLDER = Path("/dev/shm")
 """Where shm_open(3) of the C library keeps its objects on Linux."""
-MAX_NAME: Final = 64
+MAX_NAME = 64
 """Characters of a name: a line of `ls -l /dev/shm` holds it."""
-GROUP: Final = "skinbus"
+GROUP = "skinbus"
 """Its members trust each other: the service writes, controllers of other users read."""
-MAX_BYTES: Final = 16 << 20
+MAX_BYTES = 16 << 20
 """More than twice the object of 1008 patches of 64 tactels."""
-MAGIC: Final = b"SKINBUS1"
-VERSION: Final = 3
-SLOTS: Final = 16
+MAGIC = b"SKINBUS1"
+VERSION = 3
+SLOTS = 16
 """A reader that is held up for less than 15 cycles, 0.3 s at 50 Hz, needs one try."""
-TRIES: Final = 1000
+TRIES = 1000
 """Of a reader that finds no whole cycle, before it says so: a writer of ours needs one or two."""
-MAX_CONTACTS: Final = 64
+MAX_CONTACTS = 64
 """As many as the tracker keeps."""
 RUNNING, STOPPED = 1, 2
 
-_COUNTS: Final = ("n_links", "n_buses", "n_patches", "n_tactels")
-HEADER: Final = np.dtype(
+_COUNTS = ("n_links", "n_buses", "n_patches", "n_tactels")
+HEADER = np.dtype(
     [
         ("magic", "S8"),
         ("version", "<u4"),
@@ -74,9 +74,9 @@ HEADER: Final = np.dtype(
         ("geometry", "<u8"),
     ]
 )
-NAME: Final = np.dtype("S32")
+NAME = np.dtype("S32")
 
-_FLOCK: Final = "hhqqi4x"
+_FLOCK = "hhqqi4x"
 """struct flock on 64-bit Linux."""
 
 
@@ -274,7 +274,7 @@ class SharedReader(_Mapped):
                 return data
         raise ShareError(f"shared memory {self._name!r} holds no whole cycle")
 
-    def _read_layout(self, memory: npt.NDArray[np.uint8]) -> SkinLayout:
+    def _read_layout(self, memory: Bytes) -> SkinLayout:
         """Return what does not change; ValueError when it is not of this version, or its sizes do not fit."""
         self._header = memory[: HEADER.itemsize].view(HEADER)
         header = self._header[0].copy()  # what is checked is what is used

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
 
 from skinbus.can.virtual_buses import VirtualBuses
 from skinbus.config.system import ods_of
@@ -19,10 +18,10 @@ from skinbus.skin.master_cycles import CycleMaker, played
 from skinbus.skin.opened import check_level, saying_why
 from skinbus.skin.skin import Skin
 
-STEP_NS: Final = 500_000
+STEP_NS = 500_000
 """The wires go on by so much at a time until a cycle has ended: half the shortest period there is."""
 
-BOOT_LIMIT_NS: Final = 60_000_000_000
+BOOT_LIMIT_NS = 60_000_000_000
 """A scene whose patches have not sent anything by then is over."""
 
 

@@ -9,7 +9,7 @@ import time
 import weakref
 from collections.abc import AsyncIterator, Callable, Iterator
 from types import TracebackType
-from typing import Final, Literal, Self, get_args
+from typing import Literal, Self, get_args
 
 import numpy as np
 
@@ -19,21 +19,21 @@ from skinbus.estimate import TrackState
 from skinbus.skin.cycle import Contact, Cycle, Patch, PatchState
 from skinbus.skin.feed import Feed, Positions
 
-POLL_S: Final = 0.2
+POLL_S = 0.2
 """How often one who waits for a cycle looks whether the skin was closed."""
 
 LOG = logging.getLogger("skinbus")
 
 Handler = Callable[[Contact], object]
 Kind = Literal["touch", "move", "lift", "lost"]
-KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
+KINDS: tuple[Kind, ...] = get_args(Kind)
 
-UNSEEN_S: Final = 0.5
+UNSEEN_S = 0.5
 """A contact that is not seen for so long has no readings, s: half of the time after which it ends for that;
 one that readings do not show ends within a cycle or two, unless another contact hides it; ..."""
-UNSEEN_PERIODS: Final = 2.5
+UNSEEN_PERIODS = 2.5
 """... at low rates so many periods: half a period more than a cycle or two."""
-STALE_PERIODS: Final = 1.5
+STALE_PERIODS = 1.5
 """Readings older than so many periods at the SYNC of a cycle are not of the cycle before it."""
 
 

@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -81,7 +82,6 @@ class Point:
     """Of the cycles: not as many contacts as touches."""
     wrong_scatter_pct: float
     """Standard deviation of that share."""
-    compute_p50_us: float
     compute_p99_us: float
     wire_ms: float
     """SYNC, readings and contacts, in the worst case, without computing."""
@@ -117,7 +117,7 @@ def measure_arm(
     seed: int = 16,
     done: Callable[[int], None] = lambda n: None,
 ) -> list[Point]:
-    """Return the points of an arm.
+    """Return the points of an arm: by condition, bits, fingers and level.
 
     Args:
         arm: what is pressed; its law is that of the condition "as it ships".
@@ -128,13 +128,10 @@ def measure_arm(
     points = []
     for condition in CONDITIONS:
         own = arm.with_law(calibrated_law(arm, seed)) if condition == CALIBRATED else arm
-        for fingers in FINGERS:
-            drawn = list(_trials(own, condition, fingers, trials, seed))
-            for bits in BITS:
-                read = with_bits(own, bits)
-                for level in LEVELS:
-                    points.append(_measure(read, condition, fingers, level, bits, drawn))
-                    done(1)
+        drawn = {fingers: list(_trials(own, condition, fingers, trials, seed)) for fingers in FINGERS}
+        for bits, fingers, level in product(BITS, FINGERS, LEVELS):
+            points.append(_measure(with_bits(own, bits), condition, fingers, level, bits, drawn[fingers]))
+            done(1)
     return points
 
 
@@ -210,11 +207,9 @@ def _measure(arm: Arm, condition: str, fingers: int, level: str, bits: int, tria
         if number:  # the first call loads what it needs
             wrong += len(contacts) != fingers
             own, surface = contacts.link == trial.link, arm.links[trial.link].surface
-            elsewhere = int((~own).sum())
-            errors.append(
-                cycle_error(surface, trial.touches, contacts.s[own], contacts.a[own], elsewhere, pitch)
-            )
-    p50_us, p99_us = (1e-3 * np.percentile(times_ns[1:], [50, 99])).tolist()
+            found = contacts.s[own], contacts.a[own]
+            errors.append(cycle_error(surface, trial.touches, *found, len(contacts), pitch))
+    p99_us = 1e-3 * float(np.percentile(times_ns[1:], 99))
     rate_hz, wire_ns = _wire(arm, round(1e3 * p99_us))
     p50_mm, p95_mm = (1e3 * np.percentile(errors, [50, 95])).tolist()
     low_mm, high_mm = 1e3 * _scatter_of_p95(np.array(errors))
@@ -231,7 +226,6 @@ def _measure(arm: Arm, condition: str, fingers: int, level: str, bits: int, tria
         high_mm=float(high_mm),
         wrong_count_pct=100.0 * share,
         wrong_scatter_pct=100.0 * math.sqrt(share * (1.0 - share) / len(trials)),
-        compute_p50_us=p50_us,
         compute_p99_us=p99_us,
         wire_ms=1e-6 * wire_ns,
         rate_hz=rate_hz,
@@ -245,9 +239,7 @@ def _scatter_of_p95(errors: Floats) -> Floats:
     return np.array(np.percentile(np.percentile(again, 95, axis=1), SCATTER))
 
 
-def cycle_error(
-    surface: Surface, touches: Floats, s: Floats, a: Floats, elsewhere: int, pitch: float
-) -> float:
+def cycle_error(surface: Surface, touches: Floats, s: Floats, a: Floats, n_found: int, pitch: float) -> float:
     """Return the error of a cycle, m: of its worst touch; a pitch at least where the count is wrong.
 
     Args:
@@ -255,14 +247,14 @@ def cycle_error(
         touches: (n, 3) s, a (m), force (N).
         s: (m,) of the contacts on that link, m.
         a: (m,) likewise, m.
-        elsewhere: number of contacts on other links.
+        n_found: number of contacts on all links.
         pitch: what a wrong count costs, m.
     """
     d = np.asarray(surface.distance(touches[:, :1], touches[:, 1:2], s, a))
     rows, columns = linear_sum_assignment(np.minimum(d, 10.0 * GATE))
     near = d[rows, columns] <= GATE
     errors = d[rows[near], columns[near]].tolist()
-    if near.sum() < max(len(touches), len(s) + elsewhere):
+    if near.sum() < max(len(touches), n_found):
         errors.append(pitch)
     return float(max(errors))
 
@@ -293,10 +285,9 @@ def decide(points: Sequence[Point]) -> Point:
     return min(good, key=lambda p: LEVELS.index(p.level))
 
 
-def situations(points: Sequence[Point]) -> list[list[Point]]:
-    """Return the levels of each arm, condition, bits and number of fingers, sorted."""
-    keys = sorted({(p.arm, p.condition, p.bits, p.fingers) for p in points})
-    return [[p for p in points if (p.arm, p.condition, p.bits, p.fingers) == key] for key in keys]
+def situations(points: Sequence[Point]) -> list[Sequence[Point]]:
+    """Return the levels of each arm, condition, bits and number of fingers."""
+    return [points[k : k + len(LEVELS)] for k in range(0, len(points), len(LEVELS))]
 
 
 TITLES: Final = ("boards", *LEVELS, "run", "touch to contact")

@@ -37,9 +37,7 @@ def save(figure: Figure, folder: Path, name: str) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / f"{name}.svg"
     for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
-        low, high = axis.get_view_interval()
-        if axis.get_scale() == "log" and high < 1000.0 * low:
-            # 0.2 and 50 beside the ticks of a short axis, where powers of ten would be too few
+        if axis.get_scale() == "log":  # powers of ten alone would be too few on short axes
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter(NullFormatter())

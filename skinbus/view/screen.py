@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Final
 
 import numpy as np
-from rich.console import Group
+import rich.console
+from rich.live import Live
 from rich.text import Text
 
 from skinbus.model import Arm
@@ -13,24 +17,23 @@ from skinbus.skin.cycle import Cycle
 from skinbus.view.table import contact_table
 from skinbus.view.unrolled import Unrolled
 
-FULL_SHADE_PA: Final = 60e3
-"""Pressure shown darkest: the peak of a 5 N fingertip on the default layer is about 40 kPa."""
+REFRESH_S: Final = 0.1
+"""A screen follows ten times a second: what eyes can."""
 BELOW: Final = 6
 """Lines beside the picture: the head, some contacts, and the one with the cursor."""
 
 
 class Screen:
-    """Draws one cycle; ten times a second is enough for the eye."""
+    """Draws one cycle."""
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
-        self._links = [link.name for link in arm.links]
         self._drawn: dict[int, Unrolled] = {}
 
-    def render(self, cycle: Cycle | None, width: int = 80, height: int = 24) -> Group:
+    def render(self, cycle: Cycle | None, width: int = 80, height: int = 24) -> rich.console.Group:
         """Return the screen of a terminal of this size, without the picture where there is no room for it."""
         if cycle is None:
-            return Group(Text("waiting for the first cycle ...", style="yellow"))
+            return rich.console.Group(Text("waiting for the first cycle ...", style="yellow"))
         lost = cycle.patch_records["last_fresh_ns"] < cycle.t_ns
         head = Text(
             f"{self._arm.name}  SYNC {cycle.counter:3d}  patches {(~lost).sum()}/{len(lost)}  "
@@ -44,16 +47,30 @@ class Screen:
         unrolled = self._drawn[width]
         columns, lines = unrolled.size
         if columns <= width and lines + BELOW <= height:
-            picture = unrolled.render(
-                cycle.readings.pressures,
-                FULL_SHADE_PA,
-                [(self._links.index(one.link), one.s, one.a, str(one.id)) for one in cycle.contacts],
-                [(self._links.index(touch.link), touch.s, touch.a) for touch in cycle.truth],
-                lost[self._arm.tactel_patch],
-            )
+            picture = unrolled.render(cycle, lost[self._arm.tactel_patch])
             picture.rstrip()
             parts.append(picture)
         elif lost.any():
             names = ", ".join(map(self._arm.node_label, np.flatnonzero(lost).tolist()))
             parts.append(Text(f"lost boards: {names}", style="red", no_wrap=True, overflow="ellipsis"))
-        return Group(*parts, contact_table(cycle.contacts))
+        return rich.console.Group(*parts, contact_table(cycle.contacts))
+
+
+@contextmanager
+def live_screen(
+    console: rich.console.Console, arm: Arm, *, is_wanted: bool = True
+) -> Iterator[Callable[[Cycle | None], None]]:
+    """Yield what shows a cycle, at the pace of the eye; without a terminal it does nothing."""
+    if not (is_wanted and console.is_terminal):
+        yield lambda cycle: None
+        return
+    screen, next_s = Screen(arm), 0.0
+
+    def show(cycle: Cycle | None) -> None:
+        nonlocal next_s
+        if (now_s := time.monotonic()) >= next_s:
+            next_s = now_s + REFRESH_S
+            live.update(screen.render(cycle, *console.size), refresh=True)
+
+    with Live(console=console, auto_refresh=False) as live:
+        yield show

@@ -14,8 +14,3 @@ def until_in_time(attempt, was_in_time):
         if was_in_time(result):
             break
     return result
-
-
-def complaints(err):
-    """Lines of standard error, but for the one on what UDP multicast is for."""
-    return [line for line in err.splitlines() if "for development" not in line]

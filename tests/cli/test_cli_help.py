@@ -82,7 +82,7 @@ def refused(monkeypatch, capfd):
         (("run", "forearm", "--interface", "sockatcan"), ("sockatcan", "socketcan")),
         (("monitor", "pad", "--interface", "sockatcan"), ("sockatcan", "socketcan")),
         (("demo", "--level", "best"), ("best", "kmeans")),
-        (("plan", "pad", "--json", "/no/such/folder/x.json"), ("/no/such/folder",)),
+        (("run", "pad", "--state", "/no/such/folder/x"), ("/no/such/folder",)),
         (("run", "forearm", "--seconds", "-1"), ("--seconds", "x>0")),
         (("replay", "none.log", "--arm", "pad"), ("file: wanted one that can be read (No such file",)),
         (

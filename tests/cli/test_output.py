@@ -1,6 +1,5 @@
 """What goes in and out of a command: numbers, files and pipes that are wrong are one line, and in time."""
 
-import json
 import os
 import subprocess
 import sys
@@ -32,7 +31,7 @@ def test_what_is_not_a_finite_number_is_refused(option, number):
     ("args", "said"),
     [
         (("study", "paper", "--out", "/proc/figures"), "cannot make"),
-        (("run", "pad", "--json", "/proc/x"), "/proc/x"),
+        (("run", "pad", "--state", "/proc/x"), "/proc/x"),
     ],
 )
 def test_a_file_that_cannot_be_written_is_refused_before_the_work(args, said):
@@ -63,8 +62,8 @@ def own_arm(tmp_path):
 @pytest.mark.parametrize(
     ("words", "target"),
     [
-        (("plan", "{arm}", "--json"), "my.toml"),
-        (("plan", "{arm}", "--json"), "board.eds"),
+        (("replay", "{poses}", "--arm", "pad", "--out"), "my.toml"),
+        (("run", "{arm}", "--state"), "board.eds"),
         (("study", "arm", "--out"), "my.toml"),
         (("calibrate", "{arm}", "{arm}", "--out"), "my.toml"),
         (("calibrate", "{arm}", "{arm}", "--out"), "board.dcf"),
@@ -84,40 +83,24 @@ def test_no_output_overwrites_an_input(own_arm, words, target):
 
 
 def test_no_output_follows_a_symbolic_link(own_arm):
-    link = own_arm.parent / "summary.json"
+    link = own_arm.parent / "contacts.csv"
     link.symlink_to(own_arm)
     before = own_arm.read_bytes()
-    answer = run("plan", "pad", "--compute-us", "100", "--json", str(link))
+    answer = run("replay", str(own_arm), "--arm", "pad", "--out", str(link))
     assert answer.exit_code == 2
     assert "symbolic link" in answer.output
     assert own_arm.read_bytes() == before
     output.try_to_write("/dev/stdout")  # a link too, to what is open
 
 
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [
-        ("x.json", '{"name": "of another program"}'),
-        ("notes.txt", "mine"),
-        ("x.health", "mine"),
-        ("x.1", "mine"),
-    ],
-)
-@pytest.mark.parametrize("option", ["--json", "--state"])
-def test_a_file_of_anybody_else_is_not_lost_to_a_summary_or_a_state(tmp_path, option, name, text):
+@pytest.mark.parametrize("name", ["notes.txt", "x.health", "x.1"])
+def test_a_file_of_anybody_else_is_not_lost_to_a_state(tmp_path, name):
     file, given = tmp_path / name, tmp_path / name.removesuffix(".health").removesuffix(".1")
-    file.write_text(text)
-    answer = run("run", "pad", option, str(given if option == "--state" else file))
+    file.write_text("mine")
+    answer = run("run", "pad", "--state", str(given))
     assert answer.exit_code == 2
     assert f"{file} is there already" in answer.output
-    assert file.read_text() == text
-
-
-def test_a_summary_is_written_over_the_last_one(tmp_path):
-    file = tmp_path / "plan.json"
-    for _ in range(2):
-        assert run("plan", "pad", "--compute-us", "100", "--json", str(file)).exit_code == 0
-    assert json.loads(file.read_text())["holds"]
+    assert file.read_text() == "mine"
 
 
 @pytest.mark.slow
@@ -160,10 +143,3 @@ def test_a_fault_of_our_own_is_one_line_with_its_place():
     assert answer.returncode == 70
     (line,) = answer.stderr.splitlines()
     assert "ZeroDivisionError: division by zero (<string>:1)" in line
-
-
-def test_json_to_standard_output_stands_there_alone():
-    args = ["plan", "pad", "--compute-us", "100", "--json", "-"]
-    answer = CliRunner().invoke(group, args)
-    assert json.loads(answer.stdout)["holds"]
-    assert "the plan holds" in answer.stderr

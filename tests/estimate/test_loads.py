@@ -77,7 +77,7 @@ def test_patches_add_up_to_links_and_links_to_the_arm():
 
 def test_centre_of_pressure_of_a_press_through_the_wrap():
     arm = load_arm("forearm", check_load=False)
-    a_meter, period = LoadMeter(arm), arm.link_period[0]
+    a_meter, period = LoadMeter(arm), arm.links[0].surface.period
     d = arm.distance(slice(None), 0.076, 0.5 * period)
     pressures = 2e4 * np.exp(-((d / 0.03) ** 2))
     links = a_meter.measure(pressures, pressures > THRESHOLD).links

@@ -18,16 +18,19 @@ from skinbus.node.layout import ImageLayout, key_of
 from skinbus.objects.cia import NmtState
 from skinbus.objects.eds import load_eds
 
-FLAGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Werror", "-O1", "-DSB_SAMPLE_US=0")
+WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Werror")
+FLAGS = (*WARNINGS, "-O1", "-DSB_SAMPLE_US=0")
 PAGE = 8192
 EMPTY = b"\xff" * 2 * PAGE
+PORT = Path(__file__).parent / "library.c"
 ALWAYS = 2**32 - 1
+ROOM = 64
 HOOK = c.CFUNCTYPE(c.c_uint32, c.c_void_p, c.c_uint16, c.c_uint8, c.POINTER(c.c_uint8))
 
 
 def build(project: Path, *flags: str) -> Path:
     """Compile the core of a project with the port for tests; return the library."""
-    sources = [*sorted((project / "core").glob("*.c")), project / "board.c", project / "ports" / "library.c"]
+    sources = [*sorted((project / "core").glob("*.c")), project / "board.c", PORT]
     library = project / "library.so"
     command = ["cc", *FLAGS, *flags, "-shared", "-fPIC", f"-I{project}", f"-I{project / 'core'}"]
     done = subprocess.run([*command, "-o", library, *sources], capture_output=True, text=True)
@@ -49,16 +52,26 @@ class Code:
                 ),
             )
 
-        self.frame_type, self.layout = SbFrame, layout
+        class Library(c.Structure):
+            _fields_ = (
+                *(("n_writes", c.c_uint32), ("n_out", c.c_uint32)),
+                *(("age_100us", c.c_uint16), ("status", c.c_uint8)),
+                *(("readings", c.c_int16 * len(readings_of(layout))), ("out", SbFrame * ROOM)),
+            )
+
+        self.frame_type, self.library_type, self.layout = SbFrame, Library, layout
         self.own = library = c.CDLL(str(path))
         for name, result in (
-            ("library_size", c.c_size_t),
-            ("library_out", c.POINTER(SbFrame)),
-            ("library_readings", c.POINTER(c.c_int16)),
-            *((name, c.c_uint32) for name in ("library_value", "library_state", "sb_poll")),
+            *(("library_size", c.c_size_t), ("library_init", c.c_void_p)),
+            *((name, c.c_uint32) for name in ("sb_get", "library_state", "sb_poll")),
             *((name, c.c_bool) for name in ("sb_request", "sb_error", "sb_error_end", "sb_set")),
         ):
             getattr(library, name).restype = result
+
+
+def readings_of(layout: ImageLayout) -> list[int]:
+    """Return the sub-indices of the readings of a board."""
+    return layout.subs(next(i for i in (0x6401, 0x6400) if i in layout.indices))
 
 
 @cache
@@ -88,13 +101,13 @@ class FirmwareDevice(Core):
         self.layout = code.layout
         self.flash = flash
         self._memory = c.create_string_buffer(self.library.library_size())
-        self._at = c.c_void_p(c.addressof(self._memory))
+        self._face = code.library_type.from_buffer(self._memory)
         place = None if flash is None else c.c_void_p(c.addressof(c.c_char.from_buffer(flash)))
-        self.library.library_init(self._at, node_id, serial, place, c.c_size_t(len(flash or b"") // 2))
-        self.library.library_supply(self._at, n_writes)
-        self._out = self.library.library_out(self._at)
-        n = len(self.layout.subs(next(i for i in (0x6401, 0x6400) if i in self.layout.indices)))
-        self.readings = np.ctypeslib.as_array(self.library.library_readings(self._at), (n,))
+        n_bytes = c.c_size_t(len(flash or b"") // 2)
+        self._at = c.c_void_p(self.library.library_init(self._memory, node_id, serial, place, n_bytes))
+        self._face.n_writes = n_writes
+        self._out = self._face.out
+        self.readings = np.ctypeslib.as_array(self._face.readings)
         self._ids, self._ids_seen, self._cob_ids = (c.c_uint16 * 256)(), b"-", frozenset()
         self._hook = HOOK()
         self.age = np.zeros(1, np.uint16)
@@ -155,7 +168,7 @@ class FirmwareDevice(Core):
         return self.readings[sub - 1 : sub - 1 + n]
 
     def get(self, index, sub=0):
-        return self.library.library_value(self._at, index, sub)
+        return self.library.sb_get(self._at, index, sub)
 
     def set(self, index, sub, value):
         entry = self.layout.entries[key_of(index, sub)]
@@ -178,7 +191,7 @@ class FirmwareDevice(Core):
     def step(self, now_ns, frames=()):
         now_us = now_ns // 1000
         took = []
-        self.library.library_sample(self._at, self._status, int(self.age[0]))
+        self._face.status, self._face.age_100us = self._status, int(self.age[0])
         for frame in frames:
             if frame.flags not in (0, RTR) and frame.flags != LONG:
                 continue  # a port does not pass on others
@@ -194,7 +207,7 @@ class FirmwareDevice(Core):
         return Step(took, [], NEVER if wait == 2**32 - 1 else (now_us + wait) * 1000)
 
     def _take(self, now_ns, took):
-        for k in range(self.library.library_n_out(self._at)):
-            frame = self._out[k]
+        for frame in self._out[: self._face.n_out]:
             flags = LONG if frame.length > CLASSIC_BYTES else 0
             took.append(Frame(frame.id, bytes(frame.data[: frame.length]), now_ns, flags))
+        self._face.n_out = 0

@@ -4,16 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "skin.h"
-
-struct library; /* ports/library.c */
-size_t library_size(void);
-void library_init(struct library *, uint8_t node_id, uint32_t serial, uint8_t *flash, size_t flash_bytes);
-struct sb_frame *library_out(struct library *);
-int16_t *library_readings(struct library *);
-unsigned library_n_out(struct library *);
-void library_sample(struct library *, uint8_t status, uint16_t age_100us);
-void library_supply(struct library *, uint32_t n_writes);
+#include "library.c"
 
 static uint32_t state;
 
@@ -60,7 +51,7 @@ static void make(struct sb_frame *frame, uint8_t node_id)
             memcpy(&frame->data[4], run->index == 0x1010 ? "save" : "load", 4);
         else if (run->index >= 0x1600 && run->index < 0x1C00 && random_below(2)) {
             const struct sb_run *to = &sb_runs[random_below(SB_N_RUNS)];
-            sb_store(&frame->data[4], (uint32_t)to->index << 16 | (uint32_t)to->sub << 8 | 8u * sb_size(to->type), 4);
+            sb_store(&frame->data[4], (uint32_t)to->index << 16 | (uint32_t)to->sub << 8 | 8u * to->size, 4);
         }
     } else if (frame->id == 0x7E5)
         frame->length = random_below(8) ? 8 : frame->length;
@@ -73,7 +64,7 @@ int main(int n, char **words)
     const unsigned long n_frames = strtoul(words[2], NULL, 0);
     const size_t page = 8192;
     struct library *library = calloc(1, library_size());
-    struct sb_board *b = (struct sb_board *)library; /* its first member */
+    struct sb_board *b = &library->board;
     uint8_t *flash = malloc(2 * page);
     uint32_t now = 0xFFFF0000u; /* soon wraps around */
     unsigned long n_sent = 0;
@@ -82,15 +73,15 @@ int main(int n, char **words)
     for (unsigned long i = 0; i < n_frames; i++) {
         struct sb_frame frame;
         if (random_below(3000) == 0 || b->node_id == SB_UNCONFIGURED) {
-            library_supply(library, UINT32_MAX);
             library_init(library, random_below(10) ? 5 : SB_UNCONFIGURED, 1, flash, page);
             if (b->node_id == SB_UNCONFIGURED && random_below(4))
                 library_init(library, 5, 1, flash, 0);
         }
         if (random_below(500) == 0)
-            library_supply(library, random_below(60));
-        library_sample(library, (uint8_t)random_below(4), (uint16_t)random_below(65536));
-        library_readings(library)[random_below(SB_N_TACTELS)] = (int16_t)random_below(65536);
+            library->n_writes = random_below(60);
+        library->status = (uint8_t)random_below(4);
+        library->age_100us = (uint16_t)random_below(65536);
+        library->readings[random_below(SB_N_TACTELS)] = (int16_t)random_below(65536);
         make(&frame, b->node_id);
         now += random_below(4) ? random_below(3000) : random_below(2000000);
         frame.t_us = random_below(2) ? now : (uint32_t)random_below(UINT32_MAX);
@@ -98,14 +89,14 @@ int main(int n, char **words)
         need(sb_poll(b, now) > 0, "wants to be called at once");
         need(b->state == 0 || b->state == 4 || b->state == 5 || b->state == 127, "no state of NMT");
         need(b->n_errors <= SB_ERRORS && b->n_waiting <= SB_ERRORS, "too many errors");
-        const unsigned n_out = library_n_out(library);
-        for (unsigned k = 0; k < n_out; k++) {
-            const struct sb_frame *out = &library_out(library)[k];
+        for (unsigned k = 0; k < library->n_out; k++) {
+            const struct sb_frame *out = &library->out[k];
             need(out->id < 0x800 && out->length <= SB_FRAME_BYTES && !(out->flags & SB_REMOTE), "a wrong frame");
             need(b->node_id != SB_UNCONFIGURED || out->id == 0x7E4 || frame.id == 0x7E5 || frame.id == 0,
                  "speaks without a node-ID");
         }
-        n_sent += n_out;
+        n_sent += library->n_out;
+        library->n_out = 0;
     }
     need(n_sent > n_frames / 20, "hardly any answer");
     printf("%lu frames, %lu answers\n", n_frames, n_sent);

@@ -14,7 +14,7 @@ from skinbus.firmware import write_project
 from skinbus.master.commissioning.patch_check import MS, RULES, Grade, PatchCheck
 from skinbus.node.layout import ImageLayout
 from skinbus.objects.eds import load_eds
-from tests.firmware.firmware_device import EMPTY, FLAGS, Code, FirmwareDevice
+from tests.firmware.firmware_device import EMPTY, FLAGS, PORT, Code, FirmwareDevice
 
 NODE = 5
 N_SYNCS = 200
@@ -50,9 +50,9 @@ class Workshop:
         self.layout = ImageLayout(load_eds("skin-patch", NODE), 1)
         flags = [flag for flag in FLAGS if not flag.startswith("-W")]
         self.compile = ["cc", *flags, "-w", "-fPIC", f"-I{folder}", f"-I{folder / 'core'}"]
-        self.sources = [*sorted(folder.glob("core/*.c")), folder / "board.c", folder / "ports" / "library.c"]
+        self.sources = [*sorted(folder.glob("core/*.c")), folder / "board.c", PORT]
         for source in self.sources:
-            self.run(*self.compile, "-c", source, "-o", source.with_suffix(".o"))
+            self.run(*self.compile, "-c", source, "-o", folder / f"{source.stem}.o")
 
     def run(self, *command: object) -> None:
         done = subprocess.run([str(word) for word in command], capture_output=True, text=True)
@@ -66,7 +66,7 @@ class Workshop:
         assert text.count(mutant.old) == 1, f"{mutant.name}: {text.count(mutant.old)} places"
         own = self.folder / f"mutant-{self.n}.c"
         own.write_text(text.replace(mutant.old, mutant.new))
-        others = [s.with_suffix(".o") for s in self.sources if s != source]
+        others = [self.folder / f"{s.stem}.o" for s in self.sources if s != source]
         library = own.with_suffix(".so")
         self.run(*self.compile, "-shared", own, *others, "-o", library)
         return Code(library, self.layout)

@@ -15,7 +15,6 @@ from skinbus.cli.commands.board import command
 from skinbus.firmware import write_project
 from skinbus.master.commissioning.patch_check import MS, RULES, Grade, PatchCheck
 from skinbus.node import Device
-from skinbus.node.storage import MemoryStorage
 from skinbus.objects.eds import eds_names, find_eds, load_eds
 from skinbus.objects.eds_text import EdsText
 from skinbus.sim import load_scene
@@ -56,7 +55,7 @@ def test_firmware_of_every_board_keeps_every_rule(eds):
 def two(eds, seed):
     """Return the simulated patch and the firmware of one board, and what is sent to both."""
     od = load_eds(eds, NODE)
-    pair = Device(od, NODE, storage=MemoryStorage()), board(eds)
+    pair = Device(od, NODE, storage={}), board(eds)
     return pair, Traffic(pair[0].layout, NODE, seed)
 
 
@@ -112,7 +111,7 @@ def test_age_of_a_sample_is_sent_with_it():
 @pytest.mark.parametrize("n_frames", [10_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 def test_random_frames_do_no_harm(tmp_path, n_frames):
     write_project("skin-patch-fd32", tmp_path)
-    sources = [*tmp_path.glob("core/*.c"), tmp_path / "board.c", tmp_path / "ports" / "library.c"]
+    sources = [*tmp_path.glob("core/*.c"), tmp_path / "board.c"]
     fuzz = Path(__file__).parent / "fuzz.c"
     sanitizers = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     command = ["cc", *FLAGS, *sanitizers, f"-I{tmp_path}", f"-I{tmp_path / 'core'}", "-o", tmp_path / "fuzz"]
@@ -204,7 +203,7 @@ def test_board_with_few_objects_builds_and_keeps_every_rule(tmp_path):
 def test_project_builds_as_it_is_written(tmp_path):
     done = CliRunner().invoke(command, ["firmware", "skin-patch", "--out", str(tmp_path / "own")])
     assert not done.exit_code, done.output
-    make = ["make", "-s", "-C", tmp_path / "own", "socketcan", "skeleton", "library"]
+    make = ["make", "-s", "-C", tmp_path / "own", "socketcan", "skeleton"]
     built = subprocess.run(make, capture_output=True, text=True)
     assert (built.returncode, built.stderr) == (0, "")
 

@@ -11,7 +11,6 @@ from skinbus.can.frame import Frame
 from skinbus.node import Device
 from skinbus.node.lss import LSS_MASTER_ID
 from skinbus.node.nmt import TRANSITIONS
-from skinbus.node.storage import MemoryStorage
 from skinbus.objects.cia import NmtCommand, NmtState
 from skinbus.objects.eds import load_eds
 from tests.fuzz.feeding import feed
@@ -123,7 +122,7 @@ class Feeder:
 def fuzz(which, n_frames):
     """Feed one device; return how many frames it sent and dropped, and how often it was reset."""
     eds, node_id, index, n_subs = DEVICES[which]
-    device = Device(load_eds(eds, node_id), node_id, storage=MemoryStorage())
+    device = Device(load_eds(eds, node_id), node_id, storage={})
     readings = device.image_view(index, 1, n_subs)
     before, feeder = readings.tobytes(), Feeder(device)
     last, n_resets = device.nmt_state, 0

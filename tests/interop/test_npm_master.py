@@ -9,7 +9,6 @@ from skinbus.config.system import load_arm
 from skinbus.master import Master
 from skinbus.master.patches.table import PatchState
 from skinbus.node import Device
-from skinbus.node.storage import MemoryStorage
 from skinbus.objects.eds import load_eds
 from skinbus.sim import World, load_scene
 from tests.interop.peer import resolved_eds
@@ -90,7 +89,7 @@ def test_device_of_another_make_is_booted_and_its_readings_become_a_contact(benc
 
 def test_fastscan_finds_a_patch_without_node_id_and_gives_it_one(bench):
     od = load_eds("skin-patch", 1)
-    patch = Device(od, 255, storage=MemoryStorage())
+    patch = Device(od, 255, storage={})
     bench.attach(patch)
     bench.ask("open", id=PEER, eds=None)
     bench.ask("startLss")

@@ -3,7 +3,6 @@
 from skinbus.can.event import EventKind
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.node import Device
-from skinbus.node.storage import MemoryStorage
 from skinbus.objects.eds import load_eds
 
 MS = 1_000_000
@@ -12,7 +11,9 @@ PATIENCE_MS = 60_000
 
 def patch(node_id, eds="skin-patch", storage=None, **settings):
     """A patch as it leaves the factory, with a memory of its own."""
-    return Device(load_eds(eds, node_id % 128 or 1, **settings), node_id, storage=storage or MemoryStorage())
+    return Device(
+        load_eds(eds, node_id % 128 or 1, **settings), node_id, storage={} if storage is None else storage
+    )
 
 
 class Bench:

@@ -15,7 +15,6 @@ TUBE = Surface.cylinder(0.3, 0.06)
 CONE = Surface.cone(0.3, 0.08, 0.05)
 WIDENING = Surface.cone(0.1, 0.04, 0.09)
 ALL = [PLANE, TUBE, CONE, WIDENING]
-CLOSED = [TUBE, CONE, WIDENING]
 
 ROUNDING = 1e-13
 """Metres; lengths here are below 1 m, and a dozen operations lose a few units of 2e-16 each."""
@@ -62,7 +61,7 @@ def oracle_distance(surface, s1, a1, s2, a2):
         return float(mpmath.sqrt(mpmath.fabs(squared)))
 
 
-@given(surfaces(), lengths, turns, lengths, turns)
+@given(surfaces(), lengths, st.floats(-3.5, 3.5), lengths, turns)
 def test_distance_agrees_with_the_law_of_cosines_in_50_digits(surface, s1, a1, s2, a2):
     s1, a1 = point(surface, s1, a1)
     s2, a2 = point(surface, s2, a2)
@@ -105,17 +104,6 @@ def test_a_hardly_tapered_cone_is_a_cylinder(s1, s2, a1, a2):
     assert nearly.distance(s1, a1, s2, a2) == pytest.approx(float(TUBE.distance(s1, a1, s2, a2)), abs=1e-10)
     if abs(a1 - a2) < 0.49 * TUBE.period:  # the cut lies elsewhere by a rounding error
         np.testing.assert_allclose(nearly.develop(s1, a1, a2), TUBE.develop(s1, a1, a2), atol=1e-10)
-
-
-@pytest.mark.parametrize("surface", CLOSED, ids=lambda s: f"{s.kind} {s.taper:g}")
-@given(data=st.data())
-def test_turning_both_points_changes_no_distance(surface, data):
-    s1, a1 = point(surface, data.draw(lengths), data.draw(turns))
-    s2, a2 = point(surface, data.draw(lengths), data.draw(turns))
-    by = data.draw(st.floats(-3.0, 3.0)) * surface.period
-    before, after = surface.distance(s1, a1, s2, a2), surface.distance(s1, a1 + by, s2, a2 + by)
-    assert after == pytest.approx(float(before), abs=1e-12)
-    assert surface.distance(s2, a2, s1, a1) == pytest.approx(float(before), abs=ROUNDING)
 
 
 @given(surfaces(), st.floats(0.05, 0.95), st.floats(-0.49, 0.49), st.floats(-0.01, 0.02))

@@ -21,7 +21,6 @@ from __future__ import annotations
 from ast import literal_eval
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partialmethod
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +30,6 @@ from skinbus.can.core import NEVER, receives
 from skinbus.can.frame import RTR, Frame
 from skinbus.gateway.reader import Reader
 from skinbus.node import Device, PatchHost, Sample
-from skinbus.node.storage import MemoryStorage
 from skinbus.objects.cia import (
     HEARTBEAT_PRODUCER,
     IDENTITY,
@@ -54,26 +52,23 @@ DEVICES["master"] = ("skin-master", 127)
 To = {"pre": NmtCommand.PRE_OPERATIONAL, "op": NmtCommand.START, "stopped": NmtCommand.STOP}
 
 
-class BrokenStorage:
+class BrokenStorage(dict):
     """A memory that cannot be written."""
 
-    def load(self, group):
-        return None
-
-    def save(self, group, text):
+    def __setitem__(self, group, text):
         raise OSError("write protected")
 
-    erase = partialmethod(save, "")
+    pop = __setitem__
 
 
-class DamagedStorage(MemoryStorage):
+class DamagedStorage(dict):
     """A memory whose content has rotted."""
 
-    def load(self, group):
+    def get(self, group):
         return "skinbus parameters 1 534B4E42 00005001\n1015:00 6400\n00000000\n"
 
 
-STORAGES = {"": MemoryStorage, "none": lambda: None, "broken": BrokenStorage, "damaged": DamagedStorage}
+STORAGES = {"": dict, "none": lambda: None, "broken": BrokenStorage, "damaged": DamagedStorage}
 FLASHES = {"": lambda: bytearray(EMPTY), "none": lambda: None, "damaged": lambda: bytearray(len(EMPTY))}
 FLASHES["broken"] = FLASHES[""]
 

@@ -12,7 +12,6 @@ from skinbus.can.frame import Frame
 from skinbus.node import Device, SdoClient
 from skinbus.node.lss import UNCONFIGURED
 from skinbus.node.sdo_server import PACE_NS
-from skinbus.node.storage import MemoryStorage
 from skinbus.objects.eds import load_eds
 from tests.node.node_table import DEVICES
 
@@ -102,24 +101,6 @@ def test_client_writes_and_reads_back_every_writable_number(any_device):
     assert n > 20 or device.node_id == 127
 
 
-@pytest.mark.parametrize(
-    ("index", "sub", "data", "code"),
-    [
-        (0x1000, 0, b"\0\0\0\0", 0x06010002),
-        (0x5FFF, 0, b"\0", 0x06020000),
-        (0x1018, 9, b"\0", 0x06090011),
-        (0x1029, 1, b"\x03", 0x06090031),
-        (0x1017, 0, b"\0\0\0\0", 0x06070012),
-        (0x1010, 1, b"evas", 0x08000020),
-    ],
-)
-def test_client_understands_our_aborts(any_device, index, sub, data, code):
-    _, _, _, node = any_device
-    with pytest.raises(SdoAbortedError) as caught:
-        node.sdo.download(index, sub, data)
-    assert caught.value.code == code
-
-
 @pytest.mark.parametrize("crc", [True, False])
 @pytest.mark.parametrize("size", [1, 6, 7, 8, 888, 889, 890, 2000])  # a block has 889 bytes
 def test_client_writes_and_reads_in_blocks(size, crc):
@@ -146,31 +127,6 @@ def test_remote_node_consumes_our_pdos():
     assert len(bus.heard) >= 4
 
 
-def test_remote_node_switches_to_events():
-    _, bus, _, node = connect("patch")
-    node.tpdo.read()
-    node.tpdo[1].trans_type = 254
-    node.tpdo[1].event_timer = 10
-    node.tpdo[1].save()
-    node.nmt.state = "OPERATIONAL"
-    bus.heard.clear()
-    bus.now_ns += 10_000_000
-    bus.step()
-    assert [frame.can_id for frame in bus.heard] == [0x185]
-
-
-def test_store_and_restore_by_the_clients_words():
-    storage = MemoryStorage()
-    *_, node = connect("patch", storage=storage)
-    node.sdo[0x1017].raw = 1234
-    node.store()
-    *_, node = connect("patch", storage=storage)
-    assert node.sdo[0x1017].raw == 1234
-    node.restore()
-    node.nmt.send_command(0x81)
-    assert node.sdo[0x1017].raw == 500
-
-
 def test_boot_up_heartbeat_and_emcy_are_understood(any_device):
     device, bus, _, node = any_device
     assert node.nmt.state == "PRE-OPERATIONAL"
@@ -189,7 +145,7 @@ def test_boot_up_heartbeat_and_emcy_are_understood(any_device):
 
 def test_lss_master_finds_and_names_our_node(monkeypatch):
     monkeypatch.setattr("canopen.lss.time.sleep", lambda s: None)
-    device, bus, network, _ = connect("patch", node_id=UNCONFIGURED, storage=MemoryStorage())
+    device, bus, network, _ = connect("patch", node_id=UNCONFIGURED, storage={})
     device.set(0x1018, 4, 0x12345678)
     network.subscribe(network.lss.LSS_RX_COBID, network.lss.on_message_received)
     network.lss.RESPONSE_TIMEOUT = 1e-4  # what is not answered at once never is
@@ -203,14 +159,6 @@ def test_lss_master_finds_and_names_our_node(monkeypatch):
     network.lss.send_switch_state_global(0)
     assert device.node_id == 9
     assert bus.heard[-1][:2] == (0x709, b"\0")
-
-
-def test_lss_master_selects_one_of_ours(monkeypatch):
-    monkeypatch.setattr("canopen.lss.time.sleep", lambda s: None)
-    device, _, network, _ = connect("patch")
-    network.subscribe(network.lss.LSS_RX_COBID, network.lss.on_message_received)
-    assert network.lss.send_switch_state_selective(*(device.get(0x1018, k) for k in (1, 2, 3, 4)))
-    assert network.lss.inquire_node_id() == device.node_id
 
 
 class ServerBus(can.BusABC):

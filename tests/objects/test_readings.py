@@ -6,8 +6,7 @@ import pytest
 from skinbus.can import frame as bus_frame
 from skinbus.can.frame import ERROR, EXTENDED, FD, RTR, Frame, FrameBatch
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
-from skinbus.objects.eds import build_od, find_eds, load_eds
-from skinbus.objects.eds_file import read_text
+from skinbus.objects.eds import load_eds
 from skinbus.objects.readings import ReadingsPlan
 from tests.packing import pack
 
@@ -87,30 +86,6 @@ def test_plan_refuses_dictionaries_that_do_not_fit_the_arm():
         ReadingsPlan(arm_of("skin-patch", (1, 2)), [load_eds("skin-patch", 1)] * 2)
     with pytest.raises(ValueError, match="reading 5 of 4 tactels"):
         expected_node("skin-patch", n=(2, 2))
-
-
-def test_unmapped_objects_and_dummies_beside_readings_take_room_only():
-    text = find_eds("skin-patch").read_text()
-    # TPDO 1: error register, a dummy byte, readings 1 and 2, a dummy word
-    for sub, old, new in [
-        (1, "0x64010110", "0x10010008"),
-        (2, "0x64010210", "0x00050008"),
-        (3, "0x64010310", "0x64010110"),
-        (4, "0x64010410", "0x64010210"),
-    ]:
-        head, tail = text.split(f"[1A00sub{sub}]")
-        text = f"{head}[1A00sub{sub}]{tail.replace(old, new, 1)}"
-    od = build_od(read_text(text, name="x.eds"), 1)
-    plan = ReadingsPlan(arm_of("skin-patch"), [od])
-    counts, seen = np.zeros(16, np.int32), np.zeros(1, np.int32)
-    plan.unpack(
-        batch_of(
-            Frame(0x181, bytes.fromhex("aabb 0100 0200")),
-        ),
-        counts,
-        seen,
-    )
-    assert list(counts[:4]) == [1, 2, 0, 0]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Plans: what holds, what does not, and that the simulated wire keeps the promise."""
 
-import json
-
 import pytest
 from click.testing import CliRunner
 
@@ -88,14 +86,9 @@ def test_simulated_wire_keeps_every_bound_of_its_cycle(name):
 
 
 @pytest.mark.slow
-def test_command_answers_with_its_exit_status_and_writes_json(tmp_path):
-    file = tmp_path / "plan.json"
-    good = CliRunner().invoke(group, ["plan", "forearm", "--compute-us", "500", "--json", str(file)])
+def test_command_answers_with_its_exit_status():
+    good = CliRunner().invoke(group, ["plan", "forearm", "--compute-us", "500"])
     assert good.exit_code == 0, good.output
-    written = json.loads(file.read_text())
-    assert written["holds"]
-    assert len(written["messages"]) > 24 * 4 + 17
-    assert all(m["worst_ns"] is not None for m in written["messages"])
     bad = CliRunner().invoke(group, ["plan", "forearm", "--compute-us", "500", "--bitrate", "500000"])
     assert bad.exit_code == 1, bad.output
     assert "1 Mbit/s" in bad.output
@@ -142,7 +135,6 @@ def test_plan_counts_can_fd_frames_in_both_phases(tmp_path):
     arm = load_arm(forearm_with(tmp_path, "skin-patch-fd", 130.0, "canfd = true\ndata_bitrate = 5_000_000"))
     result = plan(arm, COMPUTES, level="fit")
     assert result.holds, result.warnings
-    assert result.as_dict()["data_bitrate"] == 5_000_000
     readings = [row.message for row in result.rows if row.message.release is Release.READING]
     assert {(m.bits, m.data_bits) for m in readings} == {(34, 518)}
     assert len(readings) == 24

@@ -43,7 +43,7 @@ def test_constant_force_rises_and_falls_within_its_ramp(tmp_path):
     scene = load_scene(path)
     assert [scene.touches_at(t).force.tolist() for t in (0.9, 1.5, 2.0)] == [[], [8.0], []]
     assert scene.touches_at(1.1).force[0] == pytest.approx(4.0)
-    radius = float(scene.arm.link_radius[0])
+    radius = float(scene.arm.links[0].surface.radius)
     assert scene.touches_at(1.5).a[0] == pytest.approx(math.radians(-170) * radius)
 
 
@@ -135,7 +135,7 @@ def test_every_fault_of_a_bad_scene_is_reported_at_once(tmp_path):
         "touch 3.force_n: is [0.0, 2.0, 1.0]; wanted times from 0 on that grow",
         "touch 3.force_n: is -3.0; wanted forces of 0 N or more",
         "touch 4.path: is [0.0, 0.0]; wanted times that grow",
-        "touch 4.angle_deg: is 3.0; wanted nothing beside a path",
+        "touch 4.angle_deg: is 3.0; wanted nothing beside path",
         "touch 4.length_mm: wanted a value: the shape is edge",
         "touch 4.width_mm: is 4.0; wanted nothing: the shape is edge",
         "touch 5.force_n: is '5'; wanted a number",

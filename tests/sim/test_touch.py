@@ -20,7 +20,7 @@ def test_touch_presses_from_its_first_to_its_last_force_key(pad_arm):
 
 
 def test_path_runs_through_the_wrap_of_a_closed_surface(ring_arm):
-    period = float(ring_arm.link_period[0])
+    period = float(ring_arm.links[0].surface.period)
     path = [[0, 0.05, 0.45 * period], [1, 0.05, 0.55 * period]]
     plan = TouchPlan(ring_arm, [touch(path, [[0, 1], [2, 1]])])
     assert plan.at(0.25).a[0] == pytest.approx(0.475 * period)

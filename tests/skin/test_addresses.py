@@ -5,7 +5,7 @@ import pytest
 from skinbus.config.system import load_arm
 from skinbus.errors import AddressError
 from skinbus.model import BusSettings
-from skinbus.skin.addresses import bus_numbers, find_place, find_places, one_bus
+from skinbus.skin.addresses import bus_numbers, find_places, one_bus
 
 ONE = (BusSettings(bitrate=500_000),)
 TWO = (BusSettings(name="left", bitrate=500_000), BusSettings(name="right", channel="can7"))
@@ -57,16 +57,17 @@ def test_channels_that_do_not_fit_the_buses_are_refused(buses, channels, said):
 
 
 def test_without_an_arm_the_usual_place_is_taken():
-    assert find_place(None, None, None) == ("socketcan", "can0", 1_000_000, None)
-    assert str(find_place("udp_multicast", None, 125_000)) == "udp_multicast 239.74.163.2"
+    assert find_places((BusSettings(),), None, (), None)[0] == ("socketcan", "can0", 1_000_000, None)
+    (place,) = find_places((BusSettings(),), "udp_multicast", (), 125_000)
+    assert str(place) == "udp_multicast 239.74.163.2"
 
 
 def test_commands_for_one_bus_take_the_patches_of_that_bus():
     arm = load_arm("arm-two-buses")
-    assert one_bus(arm, "lower").node_id.tolist() == list(range(1, 22))
+    assert one_bus(arm, ["lower"]).node_id.tolist() == list(range(1, 22))
     assert bus_numbers(arm, ["lower"]) == [1]
     with pytest.raises(AddressError, match="say which by --bus: upper, lower"):
-        one_bus(arm, None)
+        one_bus(arm, ())
     with pytest.raises(AddressError, match="no bus of arm on two buses is called hand"):
         bus_numbers(arm, ["hand"])
-    assert one_bus(load_arm("pad"), None).n_patches == 1
+    assert one_bus(load_arm("pad"), ()).n_patches == 1

@@ -9,7 +9,7 @@ import click
 from skinbus.cli.commands.scan import NO_NODE
 from skinbus.cli.console import Console
 from skinbus.cli.host import run_to_end
-from skinbus.cli.options import BusWords, arm_bus_options
+from skinbus.cli.options import Where, arm_bus_options
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master.commissioning.node_id_assignment import Address, Assigner, Assignment, Known
 from skinbus.master.patches.provisioning import expected_node
@@ -27,7 +27,7 @@ from skinbus.objects.profile import MASTER_NODE_ID
     type=click.IntRange(5, 1000),
     help="How long a node is given to answer; a scan takes up to 140 of it.",
 )
-def command(arm: str | None, bus: BusWords, timeout_ms: int) -> None:
+def command(arm: str | None, where: Where, timeout_ms: int) -> None:
     """Give node-IDs to the patches of ARM, or to all nodes without one; the nodes store them.
 
     With ARM (a name or a TOML file), patches with a serial number in it are found by that number and get
@@ -46,9 +46,9 @@ def command(arm: str | None, bus: BusWords, timeout_ms: int) -> None:
     console = Console()
     if arm is None:
         known: list[Known] = []
-        free, place = [*range(1, MASTER_NODE_ID)], bus.place()
+        free, place = [*range(1, MASTER_NODE_ID)], where.places()[0]
     else:
-        part, place = bus.of(load_arm(arm))
+        part, place = where.of(load_arm(arm))
         known, free = wanted_by(part)
     core = Assigner(
         known=known,

@@ -18,7 +18,7 @@ from skinbus.cli.commands.scan import NO_NODE
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import run_to_end
-from skinbus.cli.options import BusWords, Range, bus_options, file_option
+from skinbus.cli.options import Range, Where, bus_options, file_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_columns
 from skinbus.cli.progress import progress
@@ -293,7 +293,7 @@ def firmware(eds: str, out: Path) -> None:
     help="Number of SYNCs, 20 ms each.",
 )
 def check(
-    bus: BusWords, node_id: int, eds: str, response_ms: float, store: bool, press: bool, syncs: int
+    where: Where, node_id: int, eds: str, response_ms: float, store: bool, press: bool, syncs: int
 ) -> None:
     """Check the firmware of one board on a bus, rule by rule.
 
@@ -307,7 +307,7 @@ def check(
       skinbus board check -c can0 --node 5
       skinbus board check -c can0 --node 5 --eds my-board.eds --store
     """
-    place, console = bus.place(), Console()
+    place, console = where.places()[0], Console()
     scanner = Scanner([node_id])
     run_to_end(scanner, place, console.print)
     scanner.other_master.refuse(str(place))

@@ -14,7 +14,7 @@ from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError, OD
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes, span
 from skinbus.cli.host import run_to_end
-from skinbus.cli.options import BusWords, arm_bus_options
+from skinbus.cli.options import Where, arm_bus_options
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master.commissioning.sessions import timeouts_of
 from skinbus.master.patches.provisioning import Configurer, Provision, Provisioned, expected_nodes
@@ -29,7 +29,7 @@ Ods = Mapping[int, ObjectDictionary]
 @click.argument("arm")
 @arm_bus_options
 @click.option("--dry-run", is_flag=True, help="Only say what would change.")
-def command(arm: str, bus: BusWords, dry_run: bool) -> None:
+def command(arm: str, where: Where, dry_run: bool) -> None:
     """Write the values of the EDS and DCF files and settings of ARM (a name or a TOML file) into its patches.
 
     Every value is read. If it differs, it is written, read back and stored in the patch (0x1010), where the
@@ -43,7 +43,7 @@ def command(arm: str, bus: BusWords, dry_run: bool) -> None:
       skinbus configure forearm -c can0 --dry-run
       skinbus configure my-arm.toml -c can0
     """
-    loaded, place = bus.of(load_arm(arm))
+    loaded, place = where.of(load_arm(arm))
     ods = dict(zip(loaded.node_id.tolist(), ods_of(loaded), strict=True))
     plans = expected_nodes(loaded, list(ods.values()))
     core = Configurer(plans, dry_run=dry_run, timeouts=timeouts_of(loaded))

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import time
-from contextlib import nullcontext
 from typing import Final
 
 import click
 import numpy as np
-from rich.live import Live
 
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
-from skinbus.cli.host import REFRESH_S, compiling
+from skinbus.cli.host import compiling
 from skinbus.cli.options import level_option
 from skinbus.cli.stop_signals import Ending
 from skinbus.estimate import TrackState
@@ -20,7 +17,7 @@ from skinbus.sim import load_scene
 from skinbus.skin.contact import Level
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.simulated import simulate
-from skinbus.view.screen import Screen
+from skinbus.view.screen import live_screen
 
 GATE: Final = 0.020
 """m; a contact further than this from a touch is not that touch: two tactels of the default board."""
@@ -45,20 +42,15 @@ def command(scene: str, level: Level) -> None:
     played = load_scene(scene)
     console, errors, n_cycles = Console(), list[tuple[float, float]](), 0
     with compiling(console):
-        skin = simulate(played, level=level, zero=not len(played.touches_at(UNTOUCHED_S).touch))
+        is_untouched = not len(played.touches_at(UNTOUCHED_S).touch)
+        skin = simulate(played, level=level, zero=is_untouched, realtime=console.is_terminal)
     patches = counted(played.arm.n_patches, "patch")
     console.print(f"{played.name}: {patches} at {played.arm.bus.rate_hz:g} Hz, {played.duration_s:g} s")
-    screen, begin, shown_s = Screen(played.arm), time.monotonic(), 0.0
-    live = Live(console=console, auto_refresh=False) if console.is_terminal else nullcontext()
-    with Ending() as ending, skin, live as shown:
+    with Ending() as ending, skin, live_screen(console, played.arm) as show:
         for cycle in skin:
             n_cycles += 1
             errors += errors_of(cycle)
-            t_s = 1e-9 * cycle.t_ns
-            if shown and t_s >= shown_s + REFRESH_S:
-                shown_s = t_s
-                shown.update(screen.render(cycle, *console.size), refresh=True)
-                time.sleep(max(0.0, begin + t_s - time.monotonic()))
+            show(cycle)
             if ending.asked:
                 break
     place, force = np.array(errors).reshape(-1, 2).T

@@ -20,13 +20,13 @@ import numpy as np
 from skinbus.bus.monotonic_clock import sharpen_timers
 from skinbus.bus.socketcan_batch import CANFD_MTU
 from skinbus.cli.formatting import counted
-from skinbus.cli.options import BusesWords, buses_options
+from skinbus.cli.options import Where, bus_options
 from skinbus.cli.output import echo
 from skinbus.config.arm_file import find_arm
 from skinbus.config.system import load_arm
 from skinbus.errors import AddressError, BusError, ConfigError
 from skinbus.model import BusSettings
-from skinbus.skin.addresses import BusAddress, find_places, interface_of
+from skinbus.skin.addresses import BusAddress, interface_of
 from skinbus.skin.shared_memory import MAX_NAME
 
 UNIT_ARM = "/etc/skinbus/arm.toml"
@@ -47,9 +47,9 @@ N_SLEEPS: Final = 300
 
 @click.command()
 @click.argument("arm", required=False)
-@buses_options
+@bus_options
 @click.option("--unit", is_flag=True, help="Print the systemd unit of the master for this installation.")
-def command(arm: str | None, where: BusesWords, unit: bool) -> None:
+def command(arm: str | None, where: Where, unit: bool) -> None:
     """Check the file of ARM, interface, bit rate, queue, permissions and wake-ups.
 
     `skinbus scan` and `skinbus configure --dry-run` check the boards.
@@ -67,20 +67,21 @@ def command(arm: str | None, where: BusesWords, unit: bool) -> None:
         echo(unit_text(arm), nl=False)
         return
     n = 0
-    for finding in examine(arm, *where):
-        n += bool(finding.advice)
-        echo(f"{'fix' if finding.advice else 'ok ':4} {finding.check:20} {finding.found}")
-        if finding.advice:
+    for finding in examine(arm, where):
+        n += finding.is_wrong
+        echo(f"{'fix' if finding.is_wrong else 'ok ':4} {finding.check:20} {finding.found}")
+        if finding.is_wrong:
             echo(f"{'':25} -> {finding.advice}")
     echo(f"{counted(n, 'thing')} to do" if n else "all is well")
     sys.exit(1 if n else 0)
 
 
 class Finding(NamedTuple):
-    """One check's outcome; ``advice`` is empty when all is well."""
+    """One check's outcome; ``advice`` is for when it is wrong."""
 
     check: str
     found: str
+    is_wrong: bool = False
     advice: str = ""
 
 
@@ -91,20 +92,20 @@ def check_interface(place: BusAddress) -> Iterator[Finding]:
     if channel not in known:
         there = f"CAN interfaces here: {', '.join(known)}" if known else "load the adapter's driver"
         other = "; without CAN in the kernel, try --interface udp_multicast"
-        yield Finding("interface", f"{channel} does not exist or is no CAN interface", there + other)
+        yield Finding("interface", f"{channel} does not exist or is no CAN interface", True, there + other)
         return
     link = _link(channel)
     settings = "" if link.get("info_kind") in ("vcan", "vxcan") else f" {_settings(place)}"
     up = f"ip link set {channel} up{settings}"
     flags, mtu, queue = (int((folder / name).read_text(), 0) for name in ("flags", "mtu", "tx_queue_len"))
-    yield _found("interface", f"{channel} is {'up' if flags & IFF_UP else 'down'}", not flags & IFF_UP, up)
+    yield Finding("interface", f"{channel} is {'up' if flags & IFF_UP else 'down'}", not flags & IFF_UP, up)
     if link.get("info_kind") == "can":
         yield from check_controller(place, link.get("info_data", {}))
     if place.data_bitrate:
         how = f"ip link set {channel} down; ip link set {channel} mtu {CANFD_MTU}; {up}"
-        yield _found("CAN FD", f"mtu {mtu}", mtu < CANFD_MTU, how)
+        yield Finding("CAN FD", f"mtu {mtu}", mtu < CANFD_MTU, how)
     longer = f"ip link set {channel} txqueuelen 128"
-    yield _found("send queue", f"{queue} frames" if queue else "unlimited", 0 < queue < MIN_QUEUE, longer)
+    yield Finding("send queue", f"{queue} frames" if queue else "unlimited", 0 < queue < MIN_QUEUE, longer)
 
 
 def check_controller(place: BusAddress, data: dict[str, Any]) -> Iterator[Finding]:
@@ -117,15 +118,11 @@ def check_controller(place: BusAddress, data: dict[str, Any]) -> Iterator[Findin
         # ip(8) has two places for it: controllers with a table of bit rates, as slcan, are in the second.
         actual = data.get(key, {}).get("bitrate") or data.get(f"{key}_bitrate")
         if wanted:
-            yield _found(kind, f"{actual or 'unknown'} bit/s", bool(actual) and actual != wanted, again)
+            yield Finding(kind, f"{actual or 'unknown'} bit/s", bool(actual) and actual != wanted, again)
     state, restart = data.get("state", "unknown"), data.get("restart_ms", 0)
     wiring = "check wiring, both 120 ohm terminators, and the bit rate of all nodes"
-    yield _found("controller", state, state in ("BUS-OFF", "ERROR-PASSIVE"), wiring)
-    yield _found("bus-off", f"restarts after {restart} ms" if restart else "stays off", not restart, again)
-
-
-def _found(check: str, found: str, is_wrong: bool, advice: str) -> Finding:
-    return Finding(check, found, advice if is_wrong else "")
+    yield Finding("controller", state, state in ("BUS-OFF", "ERROR-PASSIVE"), wiring)
+    yield Finding("bus-off", f"restarts after {restart} ms" if restart else "stays off", not restart, again)
 
 
 def check_open(place: BusAddress) -> Iterator[Finding]:
@@ -134,7 +131,7 @@ def check_open(place: BusAddress) -> Iterator[Finding]:
         place.open().close()
         yield Finding("permission", f"{place} can be opened")
     except BusError as error:
-        yield Finding("permission", str(error), "see the message")
+        yield Finding("permission", str(error), True, "see the message")
 
 
 def check_machine() -> Iterator[Finding]:
@@ -142,7 +139,7 @@ def check_machine() -> Iterator[Finding]:
     is_allowed = resource.getrlimit(resource.RLIMIT_RTPRIO)[0] != 0 or os.geteuid() == 0
     service = "run it as the service that `skinbus doctor --unit` prints"
     found = "allowed" if is_allowed else "not allowed for this user"
-    yield _found("real-time priority", found, not is_allowed, service)
+    yield Finding("real-time priority", found, not is_allowed, service)
     sharpen_timers()
     late_us = []
     for _ in range(N_SLEEPS):
@@ -151,7 +148,7 @@ def check_machine() -> Iterator[Finding]:
         late_us.append(1e6 * (time.monotonic() - begin - 1e-3))
     p99 = np.percentile(late_us, 99)
     how = f"{service}, end other work, set the CPU to `performance` (cpupower), or take a PREEMPT_RT kernel"
-    yield _found("wake-ups", f"late by {p99:.0f} us (p99)", bool(p99 >= LATE_US), how)
+    yield Finding("wake-ups", f"late by {p99:.0f} us (p99)", bool(p99 >= LATE_US), how)
 
 
 def _settings(place: BusAddress) -> str:
@@ -171,9 +168,7 @@ def _link(channel: str) -> dict[str, Any]:
     return dict(json.loads(answer.stdout)[0].get("linkinfo", {}))
 
 
-def examine(
-    name: str | None, interface: str | None, channels: tuple[str, ...], bitrate: int | None
-) -> Iterator[Finding]:
+def examine(name: str | None, where: Where) -> Iterator[Finding]:
     """Return the findings, one check after the other."""
     arm = None
     if name:
@@ -185,18 +180,18 @@ def examine(
         except ConfigError as error:
             if not Path(name).exists():
                 raise  # a slip of the keyboard; nothing of what follows was meant
-            yield Finding("arm", str(error), "mend the file")
+            yield Finding("arm", str(error), True, "mend the file")
     buses = arm.buses if arm else (BusSettings(),)
-    interface_of(buses[0], interface)  # one that there is not is a slip, too
+    interface_of(buses[0], where.interface)  # one that there is not is a slip, too
     try:
-        places = find_places(buses, interface, channels, bitrate)
+        places = where.places(*buses)
     except AddressError as error:
-        yield Finding("channel", str(error), "say it by -c, or in the arm file")
+        yield Finding("channel", str(error), True, "say it by -c, or in the arm file")
         places = []
     for place in places:
         found = list(check_interface(place)) if place.interface == "socketcan" else []
         yield from found
-        if not any(finding.check == "interface" and finding.advice for finding in found):
+        if not any(finding.check == "interface" and finding.is_wrong for finding in found):
             yield from check_open(place)
     yield from check_machine()
 

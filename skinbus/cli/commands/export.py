@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from skinbus.cli.options import file_option, level_option, log_channels_option
+from skinbus.cli.options import file_option, level_option, log_channels_option, zero_option
 from skinbus.cli.output import echo, try_to_write, whole_file
 from skinbus.config.system import load_arm
 from skinbus.errors import SkinbusError
@@ -26,7 +26,7 @@ KINDS: Final = (".mcap", ".parquet", ".dbc")
 @file_option("--out", required=True, help="File to write: .mcap, .parquet or .dbc.")
 @log_channels_option
 @level_option()
-@click.option("--zero", is_flag=True, help="Take the first readings of each patch as its zero.")
+@zero_option
 def command(log: str | None, arm: str, out: Path, channels: tuple[str, ...], level: str, zero: bool) -> None:
     """Write LOG, a recording of `skinbus record` or candump, for other tools; or the PDOs of an arm as a DBC.
 

@@ -6,13 +6,13 @@ import click
 
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
-from skinbus.cli.options import seconds_option
+from skinbus.cli.options import Where, seconds_option
 from skinbus.cli.output import echo
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import AddressError
 from skinbus.gateway.frame_format import format_names, load_format
 from skinbus.gateway.gateway import Gateway
-from skinbus.skin.addresses import find_place, shown
+from skinbus.skin.addresses import shown
 
 
 @click.command(epilog=f"Formats that ship: {', '.join(format_names())}.")
@@ -45,7 +45,10 @@ def command(
     """
     found, arm = load_format(format_name), load_arm(arm_name)
     gateway = Gateway(found, arm, ods_of(arm))
-    places = [find_place(interface, canopen, arm.bus.bitrate), find_place(interface, skin, found.bitrate)]
+    places = [
+        Where(interface, (channel,), bitrate).places()[0]
+        for channel, bitrate in ((canopen, arm.bus.bitrate), (skin, found.bitrate))
+    ]
     if places[0][:2] == places[1][:2]:  # skins use identifiers of PDOs and NMT
         raise AddressError(f"--from and --to are both {places[0]}; the skin needs a bus of its own")
     host = Host(

@@ -3,26 +3,30 @@
 from __future__ import annotations
 
 import sys
+import threading
+from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
+from skinbus.arrays import Floats
 from skinbus.cli.arm_target import arm_target
 from skinbus.cli.commands.scan import NO_NODE
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
-from skinbus.cli.host import run_to_end
-from skinbus.cli.live_presses import talk
-from skinbus.cli.options import BusWords, arm_bus_options, file_option
+from skinbus.cli.host import QUICK_S, Host, compiling, run_to_end
+from skinbus.cli.options import Where, arm_bus_options, file_option
 from skinbus.config.arm_edit import write_arm
 from skinbus.config.arm_file import find_arm
 from skinbus.config.system import load_arm
 from skinbus.master.commissioning.identification import Identification
 from skinbus.master.commissioning.scan import Scanner
 from skinbus.master.commissioning.unplaced_boards import (
+    QuietMaster,
     Unplaced,
     changes_of,
     places_of,
@@ -39,7 +43,7 @@ Say = Callable[..., Any]
 @click.argument("arm")
 @arm_bus_options
 @file_option("--out", help="Write this arm file in place of ARM.")
-def command(arm: str, bus: BusWords, out: Path | None) -> None:
+def command(arm: str, where: Where, out: Path | None) -> None:
     """Find which board sits where on ARM: the command asks for presses at one place after the other.
 
     Press each place at its centre. The command names a wrong press and asks again. Then it writes node-IDs
@@ -59,14 +63,14 @@ def command(arm: str, bus: BusWords, out: Path | None) -> None:
     """
     path, whole = find_arm(arm), load_arm(arm, check_load=False)
     target, arm_file = arm_target(arm, path, whole, out)
-    part, place = bus.of(whole)
-    number = bus_numbers(whole, [bus.name] if bus.name else [])[0]
+    part, place = where.of(whole)
+    number = bus_numbers(whole, where.names)[0]
     mountings = [mounting for mounting in arm_file.mountings if mounting.bus == number]
     console = Console()
     say = partial(console.print, soft_wrap=True)
     bench = boards_on(place, part, say)
     dialogue = Identification(places_of(part, mountings), bench.boards)
-    talk(dialogue, bench.arm, place, console)
+    talk(dialogue, bench.arm, place, console, say)
     if dialogue.is_quit or not dialogue.found:
         say("Nothing is written.")
         sys.exit(1)
@@ -99,3 +103,27 @@ def boards_on(place: BusAddress, part: Arm, say: Say) -> Unplaced:
     if (n := bench.arm.n_patches) < part.n_patches:
         say(f"{counted(n, 'board')} on the bus, {part.n_patches} in the arm file", style="yellow")
     return bench
+
+
+def talk(dialogue: Identification, arm: Arm, place: BusAddress, console: Console, say: Say) -> None:
+    """Run the dialogue on a bus until it is over; Ctrl-C leaves the rest for later."""
+    cycles: deque[tuple[int, Floats]] = deque()
+    typed: deque[str] = deque()
+    threading.Thread(target=_read, args=(sys.stdin, typed), name="typed lines", daemon=True).start()
+    with compiling(console):
+        master = QuietMaster(arm, lambda *cycle: cycles.append(cycle))
+
+    def go_on() -> None:
+        while cycles and not dialogue.is_over:
+            answers = [typed.popleft() for _ in range(len(typed))]
+            for text in dialogue.step(*cycles.popleft(), answers):
+                say(text)
+
+    with Host(master, place.open, final_frames=master.stop, say=say) as host:
+        host.wait_until(lambda: dialogue.is_over, QUICK_S, go_on)
+    dialogue.is_quit |= not dialogue.is_over
+
+
+def _read(stdin: Any, lines: deque[str]) -> None:
+    with suppress(OSError, ValueError):  # a terminal that has gone
+        lines.extend(stdin)

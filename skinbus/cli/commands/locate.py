@@ -19,7 +19,7 @@ from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_edit import write_arm
 from skinbus.config.arm_file import find_arm
 from skinbus.config.system import load_arm
-from skinbus.estimate.calibration.location import OUTLIER, Located, PlacedPress, locate
+from skinbus.estimate.calibration.location import OUTLIER, Located, locate
 from skinbus.estimate.calibration.table import Press
 from skinbus.model import Arm
 
@@ -57,8 +57,7 @@ def command(arm: str, presses: Path, write: bool, out: Path | None) -> None:
     path, loaded = find_arm(arm), load_arm(arm, check_load=False)
     target, arm_file = arm_target(arm, path, loaded, out) if write or out else (None, None)
     rows = read_presses(loaded, presses)
-    placed = [PlacedPress(row.patch, row.s, row.a, row.readings) for row in rows]
-    found = locate(loaded, placed)
+    found = locate(loaded, rows)
     console = Console()
     console.table(TITLES, [row_of(loaded, board) for board in found.boards])
     changes, is_faulty = {}, False

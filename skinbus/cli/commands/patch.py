@@ -14,11 +14,10 @@ from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
-from skinbus.cli.options import BusWords, Range, bus_options, seconds_option
+from skinbus.cli.options import Range, Where, bus_options, seconds_option
 from skinbus.cli.output import echo
 from skinbus.gateway.reader import Reader
 from skinbus.node import Device, PatchHost
-from skinbus.node.storage import MemoryStorage
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import frame_bytes
@@ -60,7 +59,7 @@ def _function(ctx: click.Context, parameter: click.Parameter, value: str) -> Cal
 @bus_options
 @seconds_option
 def command(
-    eds: str, read: Callable[[], Any], node_id: int, rate_hz: float, bus: BusWords, seconds: float | None
+    eds: str, read: Callable[[], Any], node_id: int, rate_hz: float, where: Where, seconds: float | None
 ) -> None:
     """Make a sensor a patch on a CAN bus, until Ctrl-C.
 
@@ -77,13 +76,11 @@ def command(
     od = load_eds(eds, node_id)
     patch = describe_patch(od, eds)
     reader = Reader(read, patch.n_tactels, patch.transducer.bits, _say)
-    place = bus.place()
+    place = where.places()[0]
     if frame_bytes(od) > CLASSIC_BYTES:
         place = place._replace(data_bitrate=place.bitrate)
     clock, stop = MonotonicClock(), threading.Event()
-    host = Host(
-        PatchHost([Device(od, node_id, storage=MemoryStorage())], reader.newest), place.open, steady=True
-    )
+    host = Host(PatchHost([Device(od, node_id, storage={})], reader.newest), place.open, steady=True)
     echo(f"{eds}: node {node_id} of {counted(patch.n_tactels, 'tactel')} on {place}; Ctrl-C stops")
     # not waited for at the end: it may hang
     threading.Thread(target=reader.run, args=(clock, 1.0 / rate_hz, stop), name="reader", daemon=True).start()

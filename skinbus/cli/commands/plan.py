@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import compiling
-from skinbus.cli.options import LEVELS, Range, json_option, level_option
+from skinbus.cli.options import LEVELS, Range, level_option
 
 if TYPE_CHECKING:
     from skinbus.model import Arm
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
     type=Range(min=0.0),
     help="Longest time of a patch from the end of the SYNC to its readings in the send queue.",
 )
-@json_option
 def command(
     arm: str,
     bitrate: int | None,
@@ -44,18 +42,16 @@ def command(
     level: str,
     compute_us: float | None,
     response_us: float,
-    json_file: Callable[[Any], None] | None,
 ) -> None:
     """Compute whether the buses of ARM (a name or a TOML file) hold its rate: status 0 if so, 1 if not.
 
-    Times are worst cases by exact schedulability analysis of CAN, not averages. --json also writes the worst
-    case of each message.
+    Times are worst cases by exact schedulability analysis of CAN, not averages.
 
     \b
     Examples:
       skinbus plan forearm
       skinbus plan forearm --rate 100 --level full
-      skinbus plan my-arm.toml --bitrate 500000 --compute-us 800 --json plan.json
+      skinbus plan my-arm.toml --bitrate 500000 --compute-us 800
     """
     from skinbus.config.system import load_arm
     from skinbus.planning.plan import plans
@@ -74,11 +70,7 @@ def command(
     )
     for result in results:
         _show(result, console)
-    holds = all(result.holds for result in results)
-    if json_file:
-        by_bus = {bus.name: result.as_dict() for bus, result in zip(loaded.buses, results, strict=True)}
-        json_file(results[0].as_dict() if len(results) == 1 else {"holds": holds, "buses": by_bus})
-    sys.exit(0 if holds else 1)
+    sys.exit(0 if all(result.holds for result in results) else 1)
 
 
 def _time_levels(arm: Arm, console: Console) -> dict[str, int]:

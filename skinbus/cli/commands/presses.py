@@ -77,9 +77,10 @@ def command(
     output.keep_files([out], "--poses", [poses.resolve()])
     whole = load_arm(arm, check_load=False)
     names = [link.name for link in whole.links]
-    if (link_name or names[0]) not in names or not (link_name or len(names) == 1):
+    chosen = [k for k, name in enumerate(names) if link_name in (None, name)]
+    if len(chosen) != 1:
         raise click.BadParameter(f"give one of {', '.join(names)}", param_hint="--link")
-    link = names.index(link_name or names[0])
+    (link,) = chosen
     pose = _poses(whole, link, poses)
     t, pressures = _cycles(log, whole, channels)
     load = load_of(pressures, np.asarray(whole.tactel_threshold))

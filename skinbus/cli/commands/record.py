@@ -18,11 +18,11 @@ from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
-from skinbus.cli.options import DEFAULT_BITRATE, BusesWords, buses_options, seconds_option
+from skinbus.cli.options import DEFAULT_BITRATE, Where, bus_options, seconds_option
 from skinbus.cli.output import echo
 from skinbus.config.system import load_arm
 from skinbus.model import BusSettings
-from skinbus.skin.addresses import find_places, open_to_listen, shown
+from skinbus.skin.addresses import open_to_listen, shown
 
 
 def new_file(ctx: click.Context, parameter: click.Parameter, value: str | None) -> str:
@@ -39,12 +39,12 @@ def new_file(ctx: click.Context, parameter: click.Parameter, value: str | None) 
 @click.command()
 @click.argument("log", required=False, type=click.Path(dir_okay=False, allow_dash=True), callback=new_file)
 @click.option("--arm", help="Record the buses of this arm, a name or a TOML file.")
-@buses_options
+@bus_options
 @seconds_option
 def command(
     log: str,
     arm: str | None,
-    where: BusesWords,
+    where: Where,
     seconds: float | None,
 ) -> None:
     """Record all that is on a bus to LOG, as candump writes it, until Ctrl-C; - is standard output.
@@ -62,7 +62,7 @@ def command(
       skinbus record both.log --arm arm-two-buses -c upper=can0 -c lower=can1
       skinbus record field.log.gz -c can0 -c can1
     """
-    places = find_places(buses_for(arm, where.channels), *where)
+    places = where.places(*buses_for(arm, where.channels))
     names = [place.channel or place.interface for place in places]
     console = Console(stderr=log == "-")
     clock = MonotonicClock()

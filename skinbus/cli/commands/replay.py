@@ -7,9 +7,8 @@ import sys
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
-from io import TextIOWrapper
 from pathlib import Path
-from typing import Final, TextIO
+from typing import Final
 
 import click
 
@@ -19,7 +18,7 @@ from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import NOT_FOR_PEOPLE
-from skinbus.cli.options import file_option, level_option, log_channels_option
+from skinbus.cli.options import file_option, level_option, log_channels_option, zero_option
 from skinbus.cli.output import echo
 from skinbus.cli.recorded import CONTACT_COLUMNS, Recorded, values_of
 from skinbus.config.system import load_arm
@@ -34,7 +33,7 @@ TITLES: Final = ("contact", "link", "from s", "to s", "s mm", "a mm", "force N",
 @click.option("--arm", required=True, help="The arm that was recorded: a name or a TOML file.")
 @log_channels_option
 @level_option()
-@click.option("--zero", is_flag=True, help="Take the first readings of each patch as its zero.")
+@zero_option
 @file_option(
     "--out",
     callback=output.writable,
@@ -77,8 +76,15 @@ def command(
         if event.kind not in NOT_FOR_PEOPLE:
             events.take(event)
 
-    source = _standard_input() if log == "-" else log
-    recorded = Recorded(source, loaded, channels, console, level=level, zero=zero, on_event=on_event)
+    recorded = Recorded(
+        "/dev/stdin" if log == "-" else log,
+        loaded,
+        channels,
+        console,
+        level=level,
+        zero=zero,
+        on_event=on_event,
+    )
     with open(out, "w", encoding="utf-8", newline="") if out else nullcontext() as file:
         table = csv.DictWriter(file, CONTACT_COLUMNS, lineterminator="\n") if file else None
         if table:
@@ -127,10 +133,3 @@ class Life:
         one, span = self.firmest, (f"{self.start_s:.3f}", f"{self.end_s:.3f}")
         place = f"{1e3 * one.s:.1f}", f"{1e3 * one.a:.1f}"
         return one.id, one.link, *span, *place, f"{one.force:.2f}", self.n_cycles
-
-
-def _standard_input() -> TextIO:
-    """Return standard input, in which any byte is a character."""
-    if isinstance(sys.stdin, TextIOWrapper):
-        sys.stdin.reconfigure(encoding="ascii", errors="replace")
-    return sys.stdin

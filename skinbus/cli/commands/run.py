@@ -13,22 +13,20 @@ from pathlib import Path
 from typing import Any, Final
 
 import click
-import numpy as np
-from rich.live import Live
 
 from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes_by_bus
-from skinbus.cli.host import REFRESH_S, Host, compiling
+from skinbus.cli.host import Host, compiling
 from skinbus.cli.notify import Notifier
 from skinbus.cli.options import (
-    BusesWords,
     Range,
-    buses_options,
+    Where,
+    bus_options,
     file_option,
-    json_option,
     level_option,
     seconds_option,
+    zero_option,
 )
 from skinbus.cli.output import echo
 from skinbus.cli.state_keeper import Keeper, keep_health, keep_state
@@ -39,13 +37,13 @@ from skinbus.master.health import Health
 from skinbus.master.memory import Memory
 from skinbus.master.patches.table import PatchState
 from skinbus.model import Arm
-from skinbus.skin.addresses import find_places, shown
+from skinbus.skin.addresses import shown
 from skinbus.skin.compile_ahead import allow_when_compiled, first_level, start_compiling
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.opened import refuse_other_master
 from skinbus.skin.shared_memory import SharedWriter
-from skinbus.view.screen import Screen
+from skinbus.view.screen import REFRESH_S, live_screen
 
 REMEMBERED: Final = 100_000
 """Cycles whose compute times the summary is made of, the last of a long run."""
@@ -55,14 +53,14 @@ RECENT_NS: Final = 1_000_000_000
 
 @click.command()
 @click.argument("arm")
-@buses_options
+@bus_options
 @level_option()
 @click.option(
     "--budget-us",
     type=Range(min=0.0),
     help="Most time for the estimator in a cycle, us (default: what the cycle leaves).",
 )
-@click.option("--zero", is_flag=True, help="Take the first readings of each patch as its zero.")
+@zero_option
 @click.option("--share", metavar="NAME", help="Write each cycle to shared memory, for `skinbus.attach`.")
 @click.option("--quiet", is_flag=True, help="No live screen: events only, for a log.")
 @file_option(
@@ -72,10 +70,9 @@ RECENT_NS: Final = 1_000_000_000
     help="Keep zeros and identities of contacts over restarts here, the health of tactels in FILE.health.",
 )
 @seconds_option
-@json_option
 def command(
     arm: str,
-    where: BusesWords,
+    where: Where,
     level: str,
     budget_us: float | None,
     zero: bool,
@@ -83,7 +80,6 @@ def command(
     quiet: bool,
     state_file: Path | None,
     seconds: float | None,
-    json_file: Callable[[Any], None] | None,
 ) -> None:
     """Run the master of ARM (a name or a TOML file) until Ctrl-C, which puts the patches to pre-operational.
 
@@ -102,7 +98,7 @@ def command(
       skinbus run arm-two-buses -c upper=can0 -c lower=can1
     """
     loaded = load_arm(arm)
-    places = find_places(loaded.buses, *where)
+    places = where.places(*loaded.buses)
     console = Console(outlives_reader=True)
     run = Run(loaded, console)
     with ExitStack() as ears:
@@ -133,19 +129,14 @@ def command(
         if compiler:
             run.say(f"contacts of level {available} until {level} is compiled")
             allow_when_compiled(run.master, level, compiler)
-        if quiet or not console.is_terminal:
-            host.wait(seconds, then=run.save)
-        else:
-            with Live(console=console, auto_refresh=False) as live:
-                host.wait(seconds, REFRESH_S, partial(run.show, Screen(loaded), live))
+        with live_screen(console, loaded, is_wanted=not quiet) as show:
+            host.wait(seconds, REFRESH_S, partial(run.follow, show))
         run.notifier.stopping()
     run.notifier.close()
     if run.master.gave_way:
         raise run.master.gave_way
     run.save(at_end=True)
     n_alive = run.print_end(any_received=bool(host.report.n_received))
-    if json_file:
-        json_file(run.summary(n_alive))
     sys.exit(0 if n_alive == loaded.n_patches else 1)
 
 
@@ -159,7 +150,7 @@ class Run:
         self.notifier = Notifier()
         self.maker = CycleMaker(arm)
         self.writer: SharedWriter | None = None
-        self._arm, self._console = arm, console
+        self._arm = arm
         self._newest: Cycle | None = None
         self._computes: deque[int] = deque(maxlen=REMEMBERED)
         self._keepers: tuple[Keeper, ...] = ()
@@ -199,9 +190,9 @@ class Run:
         for keeper in self._keepers:
             keeper.write(at_end=at_end)
 
-    def show(self, screen: Screen, live: Live) -> None:
-        """Show the newest cycle."""
-        live.update(screen.render(self._newest, *self._console.size), refresh=True)
+    def follow(self, show: Callable[[Cycle | None], None]) -> None:
+        """Show the newest cycle, and write what is to be kept."""
+        show(self._newest)
         self.save()
 
     def print_end(self, *, any_received: bool) -> int:
@@ -222,18 +213,3 @@ class Run:
             text = "no patch has sent anything: are they on this bus, powered, at this bit rate?"
             self.say(text, style="yellow")
         return n_alive
-
-    def summary(self, n_alive: int) -> dict[str, object]:
-        """Return the summary of a run for a program."""
-        p50, p99 = np.percentile(self._computes or [0], [50, 99]) / 1e3
-        counters, pace = self.master.gather.counters, self.master.level_control
-        return {
-            "cycles": len(self._computes),
-            "patches": self._arm.n_patches,
-            "alive": n_alive,
-            "frames": {name: getattr(counters, name) for name in ("accepted", "lost", "bad_length")},
-            "overruns": pace.overruns,
-            "cut_short": pace.cut_short,
-            "level": pace.level,
-            "cycle_us": {"p50": round(float(p50), 1), "p99": round(float(p99), 1)},
-        }

@@ -12,7 +12,7 @@ import click
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import run_to_end
-from skinbus.cli.options import BusWords, bus_options
+from skinbus.cli.options import Where, bus_options
 from skinbus.master.commissioning.scan import Candidate, Found, Match, Scanner, match
 from skinbus.master.patches.provisioning import Identity
 from skinbus.objects import cia
@@ -39,7 +39,7 @@ IDENTITY: Final = (
     type=click.Path(exists=True, file_okay=False, path_type=Path),
     help="A folder with more EDS and DCF files, beside those that ship with skinbus.",
 )
-def command(bus: BusWords, folder: Path | None) -> None:
+def command(where: Where, folder: Path | None) -> None:
     """List every node on a bus. Nothing is changed; it takes two seconds.
 
     States come from heartbeats: a node without one may be pre-operational or operational. Status 1 when
@@ -51,7 +51,7 @@ def command(bus: BusWords, folder: Path | None) -> None:
       skinbus scan -c can0 --eds my-boards
     """
     candidates = list(candidates_of(folder))
-    scanner, place, console = Scanner(), bus.place(), Console()
+    scanner, place, console = Scanner(), where.places()[0], Console()
     run_to_end(scanner, place, console.print)
     nodes = [(node, match(node, candidates)) for _, node in sorted(scanner.nodes.items())]
     console.print(f"on {place}:")

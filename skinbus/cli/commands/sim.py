@@ -6,29 +6,28 @@ import click
 
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
-from skinbus.cli.options import BusesWords, buses_options, seconds_option
+from skinbus.cli.options import Where, arm_bus_options, seconds_option
 from skinbus.cli.output import echo
 from skinbus.config.system import ods_of
 from skinbus.sim import World, load_scene
-from skinbus.skin.addresses import bus_numbers, find_places, shown
+from skinbus.skin.addresses import bus_numbers, shown
 
 
 @click.command()
 @click.argument("scene")
-@buses_options
-@click.option("--bus", "names", multiple=True, help="Only the patches on this bus (several may be given).")
+@arm_bus_options
 @seconds_option
 def command(
     scene: str,
-    where: BusesWords,
-    names: tuple[str, ...],
+    where: Where,
     seconds: float | None,
 ) -> None:
     """Simulate the patches of SCENE (a name or a TOML file) on a CAN bus, until Ctrl-C.
 
     For an arm file the scene is a fingertip that presses some boards of the arm, one after the other.
 
-    The scene starts at the first SYNC of a master and repeats.
+    With --bus only the patches on these buses are simulated. The scene starts at the first SYNC of a
+    master and repeats.
 
     \b
     Examples:
@@ -38,9 +37,9 @@ def command(
     """
     played = load_scene(scene)
     arm = played.arm
-    numbers = bus_numbers(arm, names)
+    numbers = bus_numbers(arm, where.names)
     buses = [arm.buses[k] for k in numbers]
-    places = find_places(buses, *where)
+    places = where.places(*buses)
     world = World(played, ods_of(arm), repeat=True, buses=numbers)
     # A collection of all that a world of 126 patches is made of takes half a second: five cycles.
     host = Host(world, *(place.open for place in places), names=[bus.name for bus in buses], steady=True)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from skinbus.cli.options import BusesWords, buses_options, level_option, seconds_option
+from skinbus.cli.options import Where, bus_options, level_option, seconds_option
 from skinbus.cli.output import echo
 from skinbus.cli.stop_signals import Ending
 from skinbus.errors import SkinbusError
@@ -39,7 +39,7 @@ LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
 @click.command()
 @click.argument("source")
 @click.option("--arm", "recorded", metavar="ARM", help="The arm that SOURCE is a recording of.")
-@buses_options
+@bus_options
 @click.option("--attach", "shared", metavar="NAME", help="Show what `skinbus run --share NAME` writes.")
 @level_option("Level of the estimator, for a scene or a recording.")
 @click.option(
@@ -56,7 +56,7 @@ LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
 def command(
     source: str,
     recorded: str | None,
-    where: BusesWords,
+    where: Where,
     shared: str | None,
     level: Level,
     zero: bool,
@@ -116,7 +116,7 @@ def command(
 
 def source_of(
     source: str,
-    where: BusesWords,
+    where: Where,
     shared: str | None,
     level: Level,
 ) -> tuple[str, Arm, Callable[[], Skin], float | None]:
@@ -142,8 +142,9 @@ def source_of(
         opening = partial(simulate, scene, level=level, realtime=True, zero=is_untouched)
         return f"scene {source}", scene.arm, opening, AGAIN_S
     arm = load_arm(source, check_load=False)
-    interface, channel, bitrate = where
-    opening = partial(listen, arm, interface=interface, channel=channel, bitrate=bitrate, readings=True)
+    opening = partial(
+        listen, arm, interface=where.interface, channel=where.channels, bitrate=where.bitrate, readings=True
+    )
     return arm.name, arm, opening, None
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -24,7 +26,7 @@ CONTACTS: Final = pa.schema(
     ]
 )
 ROWS: Final = 100_000
-"""Readings that are written at once: a row group."""
+"""Readings that are written at once, about: a row group."""
 
 
 def write(
@@ -35,30 +37,24 @@ def write(
         "bus": np.array([bus.name for bus in arm.buses]),
         "link": np.array([link.name for link in arm.links]),
     }
-    rows, found = list[Any](), list[dict[str, Any]]()
 
-    def table() -> pa.Table:
-        all_rows = np.concatenate([np.zeros(0, READING), *rows])
-        columns = {name: np.ascontiguousarray(all_rows[name]) for name in READING.names or ()}
+    def table_of(rows: npt.NDArray[Any]) -> pa.Table:
+        columns = {name: np.ascontiguousarray(rows[name]) for name in READING.names or ()}
         columns |= {name: words[columns[name]] for name, words in names.items()}
-        return pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
+        table = {name: pa.array(column, from_pandas=True) for name, column in columns.items()}
+        return pa.table(table, metadata=about)
 
-    schemas = [schema.with_metadata(about) for schema in (table().schema, CONTACTS)]
+    cycles, n = iter(cycles), max(ROWS // arm.n_tactels, 1)
+    schema, of_contacts = table_of(np.zeros(0, READING)).schema, CONTACTS.with_metadata(about)
     with (
-        pq.ParquetWriter(file, schemas[0], compression="zstd") as readings_writer,
-        pq.ParquetWriter(contacts, schemas[1], compression="zstd") as contacts_writer,
+        pq.ParquetWriter(file, schema, compression="zstd") as readings_writer,
+        pq.ParquetWriter(contacts, of_contacts, compression="zstd") as contacts_writer,
     ):
-
-        def write_out() -> None:
-            readings_writer.write_table(table().replace_schema_metadata(about))
-            contacts_writer.write_table(pa.Table.from_pylist(found, schemas[1]))
-            rows.clear()
-            found.clear()
-
-        for cycle, t_ns, readings in cycles:
-            rows.append(readings)
-            moment = {"t_ns": t_ns, "cycle": cycle.number}
-            found += [moment | values_of(contact) for contact in cycle.contacts]
-            if sum(map(len, rows)) >= ROWS:
-                write_out()
-        write_out()
+        while some := [*islice(cycles, n)]:
+            readings_writer.write_table(table_of(np.concatenate([one.readings for one in some])))
+            found = [
+                {"t_ns": t_ns, "cycle": cycle.number} | values_of(contact)
+                for cycle, t_ns, _ in some
+                for contact in cycle.contacts
+            ]
+            contacts_writer.write_table(pa.Table.from_pylist(found, of_contacts))

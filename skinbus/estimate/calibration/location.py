@@ -23,6 +23,7 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from skinbus.arrays import Floats
+from skinbus.estimate.calibration.table import Press
 from skinbus.estimate.estimator import Estimator
 from skinbus.model import Arm, Link, PlacedPatch, Radial, Surface
 
@@ -47,18 +48,6 @@ TURNED: Final = math.radians(30.0)
 """A yaw this far from that of the arm file is no error of mounting but another way to mount."""
 SECOND: Final = 0.3
 """Part of the force of the strongest contact from which a second one makes a press unusable."""
-
-
-@dataclass(frozen=True, slots=True)
-class PlacedPress:
-    """What a board reads under one press at a known place."""
-
-    patch: int
-    s: float
-    a: float
-    """m"""
-    readings: Floats
-    """(n_tactels of the patch,) Pa"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +146,7 @@ class _Seen(NamedTuple):
         return fit_pose(felt, self.said, np.hypot(sigma, self.sd))
 
 
-def locate(arm: Arm, presses: Sequence[PlacedPress], *, place_sd: float = PLACE_SD) -> Location:
+def locate(arm: Arm, presses: Sequence[Press], *, place_sd: float = PLACE_SD) -> Location:
     """Return where the pressed boards of an arm sit.
 
     place_sd: standard deviation of the places of the presses along each direction, m; residuals refine it
@@ -175,7 +164,7 @@ def locate(arm: Arm, presses: Sequence[PlacedPress], *, place_sd: float = PLACE_
     return Location([_located(arm.patches[board.patch], arm, board, sigma) for board in boards], sigma)
 
 
-def _seen(arm: Arm, p: int, presses: Sequence[PlacedPress]) -> _Seen:
+def _seen(arm: Arm, p: int, presses: Sequence[Press]) -> _Seen:
     """Return what a board sees, by a contact of its own law on the board alone."""
     own, placed = np.array([k for k, press in enumerate(presses) if press.patch == p]), arm.patches[p]
     patch, size = placed.patch, 4.0 * max(placed.patch.size)

@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from skinbus.arrays import Bools, Floats
 from skinbus.estimate.calibration.learning import Calibration, learn_radial_law
 from skinbus.estimate.calibration.location import PLACE_SD, strongest
 from skinbus.estimate.calibration.table import Ints, PressTable
-from skinbus.model import Arm, Patch
+from skinbus.model import Arm
 
 FOLDS: Final = 8
 RIM: Final = 0.25
@@ -29,8 +28,6 @@ USUAL: Final = 0.68
 """Part of the presses that have no larger error: the standard deviation, were errors normal."""
 ALIKE: Final = 0.05
 """Pitches to which places lie alike between tactels: a step of the table of the law."""
-PLACES: Final = 33
-"""Places along each side of a board that are considered for the next press."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -138,16 +135,3 @@ def _folds(table: PressTable) -> Ints:
     places, group = np.unique(np.rint(alike / (ALIKE * table.pitch)), axis=0, return_inverse=True)
     order = np.random.default_rng(0).permutation(len(places)) % FOLDS
     return np.asarray(order[np.ravel(group)], np.intp)
-
-
-def next_place(patch: Patch, pressed: Floats) -> Floats:
-    """Return the place (2,) m on a board that is farthest from those pressed, (n, 2) m.
-
-    Places lie within the tactels and a quarter of a pitch around; the first is the middle.
-    """
-    uv, rim = np.asarray(patch.tactels_uv), RIM * patch.pitch
-    low, high = uv.min(axis=0) - rim, uv.max(axis=0) + rim
-    if not len(pressed):
-        return np.asarray(0.5 * (low + high))
-    at = np.stack(np.meshgrid(*np.linspace(low, high, PLACES).T), -1).reshape(-1, 2)
-    return np.asarray(at[cdist(at, pressed).min(axis=1).argmax()])

@@ -103,9 +103,7 @@ def compile_layout(arm: Arm) -> Layout:
     from_centre = np.hypot(x - patch_s[patch], y)
 
     link = arm.patch_link.astype(np.int64)
-    links = np.stack(
-        [arm.link_radius / unit, arm.link_taper, arm.link_period / unit, arm.link_length / unit], -1
-    )
+    links = arm.link_shapes / (unit, 1.0, unit, unit)
     scale = np.array([[placed.scale] for placed in arm.patches])
     size = np.array([p.size for p in patches]) * scale / unit
     extent = np.stack([np.ptp(p.tactels_uv, axis=0) for p in patches]) * scale / unit

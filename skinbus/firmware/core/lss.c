@@ -25,17 +25,12 @@ static bool is_unconfigured(const struct sb_board *b)
     return b->node_id == SB_UNCONFIGURED && b->next_node_id == SB_UNCONFIGURED;
 }
 
-/* One of the frames that together name a board or a range; the last one, bit `last`, returns whether all came
- * and fit. */
-static bool is_named(struct sb_board *b, unsigned bit, unsigned first, unsigned last, bool is_ours)
+/* One of the commands that follow each other to name a board or a range; true if it is the last and all fit. */
+static bool is_named(struct sb_board *b, uint8_t command, uint8_t first, uint8_t last, bool is_ours)
 {
-    const uint16_t all = (uint16_t)((2u << last) - (1u << first));
-    b->lss_asked |= (uint16_t)(1u << bit);
-    b->lss_ours = (uint16_t)((b->lss_ours & ~(1u << bit)) | (unsigned)is_ours << bit);
-    const bool is_whole = (b->lss_asked & b->lss_ours & all) == all;
-    if (bit == last || (first == 0 && !is_ours))
-        b->lss_asked = 0;
-    return bit == last && is_whole;
+    const bool goes_on = is_ours && (command == first || command == b->lss_next);
+    b->lss_next = goes_on ? (uint8_t)(command + 1) : 0;
+    return goes_on && command == last;
 }
 
 static void switch_global(struct sb_board *b, uint8_t mode)
@@ -43,7 +38,7 @@ static void switch_global(struct sb_board *b, uint8_t mode)
     if (mode > 1)
         return;
     b->lss_configures = mode;
-    b->lss_asked = 0;
+    b->lss_next = 0;
     if (!mode && b->node_id == SB_UNCONFIGURED && b->next_node_id != SB_UNCONFIGURED)
         sb_reset(b, true);
 }
@@ -51,17 +46,15 @@ static void switch_global(struct sb_board *b, uint8_t mode)
 /* Answer while the bits asked so far are ours; the last bit of the last number switches this board. */
 static void fastscan(struct sb_board *b, const uint8_t *data)
 {
-    const uint32_t number = sb_load(&data[1], 4);
     const uint8_t bit = data[5], part = data[6], following = data[7];
     if (!is_unconfigured(b))
         return;
     if (bit == 0x80)
         b->lss_scanned = 0;
     else if (bit < 32 && part < 4 && following < 4 && part == b->lss_scanned &&
-             number >> bit == identity(b, part) >> bit) {
+             sb_load(&data[1], 4) >> bit == identity(b, part) >> bit) {
         b->lss_scanned = following;
-        if (bit == 0 && following < part)
-            b->lss_configures = true;
+        b->lss_configures = bit == 0 && following < part;
     } else
         return;
     answer(b, IDENTIFIED, 0);
@@ -69,36 +62,29 @@ static void fastscan(struct sb_board *b, const uint8_t *data)
 
 static void configure(struct sb_board *b, uint8_t command, const uint8_t *data)
 {
-    bool is_good;
-    switch (command) {
-    case CONFIGURE_NODE_ID:
-        is_good = (data[1] >= 1 && data[1] <= 127) || data[1] == SB_UNCONFIGURED;
-        if (is_good)
-            b->next_node_id = data[1];
+    if (command == CONFIGURE_NODE_ID) {
+        const bool is_good = (data[1] >= 1 && data[1] <= 127) || data[1] == SB_UNCONFIGURED;
+        b->next_node_id = is_good ? data[1] : b->next_node_id;
         answer(b, command, !is_good);
-        break;
-    case CONFIGURE_BIT_TIMING:
-        is_good = data[1] == 0 && data[2] < 9 && SB_BIT_RATES >> data[2] & 1;
-        if (is_good)
-            b->lss_bit_rate = data[2];
+    } else if (command == CONFIGURE_BIT_TIMING) {
+        const bool is_good = data[1] == 0 && data[2] < 9 && SB_BIT_RATES >> data[2] & 1;
+        b->bit_rate = is_good ? data[2] : b->bit_rate;
         answer(b, command, !is_good);
-        break;
-    case ACTIVATE_BIT_TIMING: /* the port waits the delay, switches, and waits the delay again */
-        if (b->lss_bit_rate != 0xFF && b->on_bit_rate)
-            b->on_bit_rate(b, b->lss_bit_rate, (uint16_t)sb_load(&data[1], 2));
-        break;
-    case STORE: answer(b, command, sb_storage_keep_node_id(b)); break;
-    case INQUIRE_NODE_ID: answer(b, command, b->node_id); break;
-    default:
-        if (command >= INQUIRE_VENDOR && command <= INQUIRE_SERIAL)
-            answer(b, command, identity(b, command - (unsigned)INQUIRE_VENDOR));
-    }
+    } else if (command == ACTIVATE_BIT_TIMING) { /* the port waits the delay, switches, and waits the delay again */
+        if (b->bit_rate != 0xFF && b->on_bit_rate)
+            b->on_bit_rate(b, b->bit_rate, (uint16_t)sb_load(&data[1], 2));
+    } else if (command == STORE)
+        answer(b, command, sb_storage_keep_node_id(b));
+    else if (command == INQUIRE_NODE_ID)
+        answer(b, command, b->node_id);
+    else if (command >= INQUIRE_VENDOR && command <= INQUIRE_SERIAL)
+        answer(b, command, identity(b, command - (unsigned)INQUIRE_VENDOR));
 }
 
 void sb_lss_receive(struct sb_board *b, const struct sb_frame *frame)
 {
-    /* which number each command of a range is about, and whether it is its lower end */
-    static const uint8_t parts[] = {0, 1, 2, 2, 3, 3}, is_low[] = {1, 1, 1, 0, 1, 0};
+    /* of the commands that identify: which number each is about, and whether that is equal, its low or high end */
+    static const uint8_t parts[] = {0, 1, 2, 2, 3, 3};
     const uint8_t *data = frame->data, command = data[0];
     const uint32_t number = sb_load(&data[1], 4);
     if (frame->length != 8)
@@ -109,19 +95,18 @@ void sb_lss_receive(struct sb_board *b, const struct sb_frame *frame)
         if (is_unconfigured(b))
             answer(b, IS_UNCONFIGURED, 0);
     } else if (command >= IDENTIFY_VENDOR && command <= IDENTIFY_SERIAL_HIGH) {
-        const uint8_t step = (uint8_t)(command - IDENTIFY_VENDOR);
+        const unsigned step = command - (unsigned)IDENTIFY_VENDOR;
         const uint32_t own = identity(b, parts[step]);
-        const bool is_ours = step < 2 ? own == number : is_low[step] ? own >= number : own <= number;
-        if (is_named(b, step + 4u, 4, 9, is_ours))
+        const bool is_ours = step < 2 ? own == number : step % 2 == 0 ? own >= number : own <= number;
+        if (is_named(b, command, IDENTIFY_VENDOR, IDENTIFY_SERIAL_HIGH, is_ours))
             answer(b, IDENTIFIED, 0);
     } else if (b->lss_configures)
         configure(b, command, data);
     else if (command >= SWITCH_VENDOR && command <= SWITCH_SERIAL) {
-        const uint8_t step = (uint8_t)(command - SWITCH_VENDOR);
-        if (is_named(b, step, 0, 3, identity(b, step) == number)) {
-            b->lss_configures = true;
+        const bool is_ours = identity(b, command - (unsigned)SWITCH_VENDOR) == number;
+        b->lss_configures = is_named(b, command, SWITCH_VENDOR, SWITCH_SERIAL, is_ours);
+        if (b->lss_configures)
             answer(b, SWITCHED, 0);
-        }
     } else if (command == FASTSCAN)
         fastscan(b, data);
 }

@@ -25,28 +25,23 @@
 
 /* --- The object dictionary, as tables ------------------------------------------------------------- */
 
-enum { SB_READ = 1, SB_WRITE = 2, SB_MAP_TX = 4, SB_MAP_RX = 8, SB_RELATIVE = 16 }; /* relative to the node-ID */
+enum { SB_READ = 1, SB_WRITE = 2, SB_MAP_TX = 4, SB_MAP_RX = 8, SB_RELATIVE = 16 /* to the node-ID */ };
+enum { SB_SIGNED = 32, SB_BOOLEAN = 64, SB_REAL = 128 };
+enum { SB_PARAMETER = 256 /* is stored */, SB_VERIFIED = 512 /* is in the checksum */ };
 
 struct sb_run { /* consecutive sub-indices of one kind */
     uint16_t index;
-    uint8_t sub, n;
-    uint8_t type, access; /* type as CiA 301 numbers it */
-    uint8_t limit;        /* number in sb_limits, 0 for none */
-    uint16_t at;          /* offset in the image, of a text its number in sb_texts */
+    uint8_t sub, n, size; /* bytes of each; 0: a text, which has its length in two bytes before it */
+    uint8_t limit; /* number in sb_limits, 0 for none */
+    uint16_t access, at; /* at: offset in the image */
 };
 struct sb_limit {
     int64_t low, high;
 };
-struct sb_text { /* a value without fixed size */
-    const char *text;
-    uint16_t length; /* SB_NOWHERE: no value */
-    uint8_t slot;    /* room of one that can be written, from 1; 0: a constant */
-};
 extern const struct sb_run sb_runs[SB_N_RUNS];
-extern const uint8_t sb_defaults[SB_IMAGE];
+extern const uint8_t sb_defaults[SB_DEFAULTS]; /* of the image up to the texts that can be written, which have none */
 extern const struct sb_limit sb_limits[SB_N_LIMITS];
-extern const struct sb_text sb_texts[SB_N_TEXTS];
-extern const uint16_t sb_tpdos[SB_TPDO_ROOM], sb_rpdos[SB_RPDO_ROOM]; /* their numbers, from 0 */
+extern const uint16_t sb_pdos[]; /* indices of their communication parameters, those of RPDOs first */
 
 /* --- Frames and the board layer ------------------------------------------------------------------- */
 
@@ -79,33 +74,32 @@ enum { SB_INITIALISING = 0, SB_STOPPED = 4, SB_OPERATIONAL = 5, SB_PRE_OPERATION
 enum { SB_START = 1, SB_STOP = 2, SB_ENTER_PRE_OPERATIONAL = 128, SB_RESET_NODE = 129, SB_RESET_COMMUNICATION = 130 };
 
 struct sb_slot {
-    uint16_t at; /* in the image; SB_NOWHERE: a dummy */
-    uint8_t bits;
+    uint8_t *at; /* in the image; NULL: a dummy */
+    uint16_t index;
+    uint8_t sub, bits;
 };
 struct sb_pdo {
     uint64_t free, due; /* end of the inhibit time, of the event time */
-    uint16_t id, inhibit, timer;
+    uint16_t index, id, inhibit, timer;
     uint8_t type, start, length, n_slots;
     uint8_t countdown; /* SYNCs to the next transmission */
     bool valid, awaits_start, requested;
     bool is_waiting; /* an RPDO waits for SYNC, with its data */
-    uint8_t data_length, data[SB_FRAME_BYTES];
+    uint8_t data[SB_FRAME_BYTES];
     struct sb_slot slots[SB_PDO_ENTRIES];
 };
 struct sb_error {
     uint16_t code;
     uint8_t bits, data[5];
 };
-struct sb_watched { /* a node of 0x1016 */
+struct sb_watched { /* a node of 0x1016, and when it is lost */
     uint64_t due;
-    uint16_t time;
-    uint8_t node_id;
-    bool is_lost;
+    uint32_t value;
 };
 
 struct sb_board {
     uint64_t now; /* us */
-    uint8_t node_id, next_node_id, state;
+    uint8_t node_id, next_node_id, bit_rate, state;
     bool is_booted, is_mark_old; /* a parameter that outlives a reset of the communication was changed */
     uint32_t dropped;            /* frames that broke a rule */
     size_t flash_bytes;          /* of a page; 0: nothing can be stored */
@@ -116,28 +110,26 @@ struct sb_board {
     void (*on_bit_rate)(struct sb_board *, uint8_t index, uint16_t delay_ms); /* may be NULL; LSS */
 
     uint64_t beat, guard_due, emcy_free, sync_closes, sampled;
-    bool guard_toggle, is_guard_lost, is_sync_length_wrong, is_window_missed;
+    uint8_t guard_toggle;
 
     struct sb_error errors[SB_ERRORS];
     uint8_t n_errors, n_waiting, waiting[SB_ERRORS][8];
     struct sb_watched watched[SB_CONSUMED_ROOM];
-    struct sb_pdo tpdos[SB_TPDO_ROOM], rpdos[SB_RPDO_ROOM];
+    struct sb_pdo pdos[SB_N_PDOS]; /* in the order of sb_pdos */
     uint8_t sample_status;
     int16_t sent[SB_N_TACTELS]; /* readings that events were last told of */
     bool is_sent_known[SB_N_TACTELS];
 
-    uint8_t sdo_command, sdo_sub, sdo_toggle, sdo_buffer[8]; /* command 0: no transfer */
+    uint8_t sdo_command, sdo_sub, sdo_toggle; /* command 0: no transfer */
     uint16_t sdo_index;
-    uint32_t sdo_length, sdo_done; /* length SB_UNKNOWN_LENGTH: not said */
+    uint32_t sdo_least, sdo_most, sdo_done; /* bytes */
+    uint8_t *sdo_data, sdo_buffer[8];
     uint64_t sdo_deadline;
 
     bool lss_configures;
-    uint8_t lss_scanned, lss_bit_rate;
-    uint16_t lss_asked, lss_ours; /* bits: commands that came of those that name a board, and that fit */
+    uint8_t lss_scanned, lss_next; /* the command that goes on with naming a board */
 
     uint8_t image[SB_IMAGE];
-    uint16_t text_length[SB_TEXT_SLOTS ? SB_TEXT_SLOTS + 1 : 2]; /* of slot 0 none */
-    uint8_t text[SB_TEXT_SLOTS ? SB_TEXT_SLOTS : 1][SB_TEXT_SLOTS ? SB_TEXT_ROOM : 1]; /* of slot 1 first */
 };
 
 /* --- For ports ------------------------------------------------------------------------------------ */
@@ -145,12 +137,21 @@ struct sb_board {
 void sb_init(struct sb_board *b, uint8_t node_id, uint32_t serial, size_t flash_bytes); /* keeps b->port */
 void sb_receive(struct sb_board *b, const struct sb_frame *frame, uint32_t now_us);
 uint32_t sb_poll(struct sb_board *b, uint32_t now_us); /* returns the us until it wants to be called again */
-bool sb_hears(const struct sb_board *b, uint16_t id, bool is_remote); /* for filters of the controller */
+bool sb_hears(struct sb_board *b, uint16_t id, bool is_remote); /* for filters of the controller */
 void sb_command(struct sb_board *b, uint8_t command);
 bool sb_request(struct sb_board *b, unsigned tpdo); /* from 0; false if it is not sent on events now */
 bool sb_error(struct sb_board *b, uint16_t code, uint8_t bits, const uint8_t *data); /* data: 5 bytes or NULL */
 bool sb_error_end(struct sb_board *b, uint16_t code, const uint8_t *data);           /* NULL: all with this code */
 bool sb_set(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data);   /* no rights, no limits */
+
+/* One turn of a main loop; returns the us until the next one, or until a frame comes. */
+static inline uint32_t sb_turn(struct sb_board *b)
+{
+    struct sb_frame frame;
+    while (can_receive(b, &frame))
+        sb_receive(b, &frame, micros(b));
+    return sb_poll(b, micros(b));
+}
 
 /* --- Between the parts ---------------------------------------------------------------------------- */
 
@@ -167,43 +168,44 @@ enum {
     ERROR_DATA_SET = 0x6300, ERROR_COMMUNICATION = 0x8100, ERROR_HEARTBEAT = 0x8130, ERROR_PDO_LENGTH = 0x8210,
     ERROR_PDO_TOO_LONG = 0x8220, ERROR_SYNC_LENGTH = 0x8240, ERROR_RPDO_TIMEOUT = 0x8250
 };
-#define SB_UNKNOWN_LENGTH UINT32_MAX
 #define COB_INVALID 0x80000000u
 #define COB_NO_RTR 0x40000000u
 #define COB_EXTENDED 0x20000000u
 
+static inline uint64_t sb_earlier(uint64_t a, uint64_t b)
+{
+    return a < b ? a : b;
+}
+
 /* object.c */
 uint32_t sb_load(const uint8_t *data, unsigned n);
 void sb_store(uint8_t *data, uint32_t value, unsigned n);
-unsigned sb_size(uint8_t type); /* bytes; 0 of a text */
-size_t sb_offset(const struct sb_run *run, uint8_t sub);
-const struct sb_run *sb_find(uint16_t index, uint8_t sub);
-uint32_t sb_get(const struct sb_board *b, uint16_t index, uint8_t sub); /* 0 where there is none */
+const struct sb_run *sb_find(uint16_t index, uint8_t sub); /* NULL if there is none */
+uint8_t *sb_at(struct sb_board *b, uint16_t index, uint8_t sub);
+uint32_t sb_get(const struct sb_board *b, uint16_t index, uint8_t sub);
 void sb_put(struct sb_board *b, uint16_t index, uint8_t sub, uint32_t value);
-void sb_load_defaults(struct sb_board *b, bool is_all, bool is_application);
+void sb_load_defaults(struct sb_board *b, bool is_application);
 bool sb_is_default(const struct sb_board *b, const struct sb_run *run);
-bool sb_is_parameter(const struct sb_run *run);
+void sb_clear_marks(struct sb_board *b);
 uint32_t sb_check(const struct sb_run *run, const uint8_t *data);
-uint32_t sb_admit(uint16_t index, uint8_t sub, uint32_t length);
-uint32_t sb_read(struct sb_board *b, uint16_t index, uint8_t sub, uint8_t *value, const uint8_t **data, uint32_t *n);
+uint32_t sb_check_cob_id(uint32_t value, uint32_t old, uint32_t allowed);
+uint32_t sb_permit(uint16_t index, uint8_t sub, uint8_t right);
+uint32_t sb_read(struct sb_board *b, uint16_t index, uint8_t sub, uint8_t **data, uint32_t *n);
 uint32_t sb_write(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data, uint32_t n);
 uint32_t sb_ask_host(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data);
-void sb_changed(struct sb_board *b, uint16_t index, uint8_t sub);
-bool sb_is_restricted(uint32_t id);
 uint32_t sb_crc(uint32_t crc, const uint8_t *data, size_t n);
-void sb_marks_loaded(struct sb_board *b, bool is_application);
 
 /* node.c */
 bool sb_send(struct sb_board *b, uint32_t id, const uint8_t *data, uint8_t n, bool urgent);
-void sb_enter(struct sb_board *b, uint8_t state);
+void sb_report(struct sb_board *b, uint16_t code, const uint8_t *data, bool is_there);
 void sb_reset(struct sb_board *b, bool is_application);
-void sb_clear_history(struct sb_board *b);
+uint64_t sb_after(const struct sb_board *b, uint32_t time_ms); /* SB_NEVER for 0 */
 void sb_node_changed(struct sb_board *b, uint16_t index);
-uint32_t sb_node_check(const struct sb_board *b, uint16_t index, uint8_t sub, uint32_t value);
+uint32_t sb_node_check(struct sb_board *b, uint16_t index, uint8_t sub, uint32_t value);
 
 /* sdo.c */
 void sb_sdo_receive(struct sb_board *b, const struct sb_frame *frame);
-void sb_sdo_tick(struct sb_board *b);
+uint64_t sb_sdo_tick(struct sb_board *b); /* this and the other ticks return when they want to be called again */
 uint32_t sb_sdo_id(const struct sb_board *b, uint8_t sub);
 
 /* pdo.c */
@@ -213,19 +215,17 @@ void sb_pdo_changed(struct sb_board *b, uint16_t index);
 uint32_t sb_pdo_check(struct sb_board *b, uint16_t index, uint8_t sub, uint32_t value);
 bool sb_rpdo_hears(const struct sb_board *b, uint16_t id);
 void sb_rpdo_receive(struct sb_board *b, const struct sb_frame *frame);
-void sb_rpdo_tick(struct sb_board *b);
 void sb_pdo_sync(struct sb_board *b, uint8_t counter);
-void sb_tpdo_tick(struct sb_board *b);
-uint64_t sb_pdo_wake(const struct sb_board *b);
+uint64_t sb_pdo_tick(struct sb_board *b);
+uint64_t sb_event_tick(struct sb_board *b);
 void sb_sample(struct sb_board *b);
-void sb_events(struct sb_board *b);
 
 /* lss.c */
 void sb_lss_receive(struct sb_board *b, const struct sb_frame *frame);
 
 /* storage.c */
-bool sb_storage_load(struct sb_board *b, bool is_application); /* false: damaged, or of another device */
-void sb_storage_power_on(struct sb_board *b);
+enum { SB_COMMUNICATION = 1, SB_APPLICATION = 2, SB_MANUFACTURER = 4, SB_LSS_GROUP = 8 };
+bool sb_storage_load(struct sb_board *b, unsigned groups); /* false: damaged, or of another device */
 uint32_t sb_storage_command(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data);
 uint32_t sb_storage_keep_node_id(struct sb_board *b);
 

@@ -59,11 +59,7 @@ bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t dat
 
 int main(void)
 {
-    struct sb_frame frame;
     sb_init(&board, NODE_ID, SERIAL, FLASH_BYTES);
-    for (;;) {
-        while (can_receive(&board, &frame))
-            sb_receive(&board, &frame, micros(&board));
-        sb_poll(&board, micros(&board)); /* then feed the watchdog, and sleep until an interrupt */
-    }
+    for (;;)
+        sb_turn(&board); /* then feed the watchdog, and sleep until an interrupt */
 }

@@ -18,11 +18,8 @@
 
 #define FLASH_BYTES 16384u
 
-struct linux_port {
-    int socket, file;
-};
 static struct sb_board board;
-static struct linux_port port;
+static int can, file = -1;
 
 bool can_send(struct sb_board *b, const struct sb_frame *frame, bool urgent)
 {
@@ -31,13 +28,13 @@ bool can_send(struct sb_board *b, const struct sb_frame *frame, bool urgent)
     (void)b, (void)urgent; /* the kernel has one queue */
     out.flags = is_fd ? CANFD_BRS : 0;
     memcpy(out.data, frame->data, frame->length);
-    return write(port.socket, &out, is_fd ? CANFD_MTU : CAN_MTU) > 0;
+    return write(can, &out, is_fd ? CANFD_MTU : CAN_MTU) > 0;
 }
 
 bool can_receive(struct sb_board *b, struct sb_frame *frame)
 {
     struct canfd_frame in;
-    const ssize_t n = recv(port.socket, &in, sizeof in, MSG_DONTWAIT);
+    const ssize_t n = recv(can, &in, sizeof in, MSG_DONTWAIT);
     if (n <= 0) {
         if (n < 0 && errno != EAGAIN && errno != EINTR && errno != ENETDOWN)
             exit(1);
@@ -74,7 +71,7 @@ uint8_t sample(struct sb_board *b, int16_t readings[SB_N_TACTELS], uint16_t *age
 
 bool flash_read(struct sb_board *b, unsigned page, size_t at, uint8_t *data, size_t n)
 {
-    const ssize_t got = pread(port.file, data, n, (off_t)(page * b->flash_bytes + at));
+    const ssize_t got = pread(file, data, n, (off_t)(page * b->flash_bytes + at));
     if (got < 0)
         return false;
     memset(&data[got], 0xFF, n - (size_t)got);
@@ -84,8 +81,8 @@ bool flash_read(struct sb_board *b, unsigned page, size_t at, uint8_t *data, siz
 bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t data[8])
 {
     if (at == 0)
-        fsync(port.file); /* the page before is whole before this one goes */
-    return pwrite(port.file, data, 8, (off_t)(page * b->flash_bytes + at)) == 8 && fdatasync(port.file) == 0;
+        fsync(file); /* the page before is whole before this one goes */
+    return pwrite(file, data, 8, (off_t)(page * b->flash_bytes + at)) == 8 && fdatasync(file) == 0;
 }
 
 int main(int n, char **words)
@@ -99,27 +96,25 @@ int main(int n, char **words)
     const int on = 1;
     memset(&interface, 0, sizeof interface);
     strncpy(interface.ifr_name, words[1], IFNAMSIZ - 1);
-    port.socket = socket(PF_CAN, SOCK_RAW, CAN_RAW);
-    if (port.socket < 0) {
+    can = socket(PF_CAN, SOCK_RAW, CAN_RAW);
+    if (can < 0) {
         perror("CAN");
         return 1;
     }
-    setsockopt(port.socket, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on);
-    if (ioctl(port.socket, SIOCGIFINDEX, &interface) == 0)
+    setsockopt(can, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on);
+    if (ioctl(can, SIOCGIFINDEX, &interface) == 0)
         address.can_ifindex = interface.ifr_ifindex;
-    if (!address.can_ifindex || bind(port.socket, (struct sockaddr *)&address, sizeof address) != 0) {
+    if (!address.can_ifindex || bind(can, (struct sockaddr *)&address, sizeof address) != 0) {
         perror(words[1]);
         return 1;
     }
-    port.file = n > 4 ? open(words[4], O_RDWR | O_CREAT, 0644) : -1;
+    if (n > 4)
+        file = open(words[4], O_RDWR | O_CREAT, 0644);
     const uint32_t serial = n > 3 ? (uint32_t)strtoul(words[3], NULL, 0) : 0;
-    sb_init(&board, (uint8_t)strtoul(words[2], NULL, 0), serial, port.file < 0 ? 0 : FLASH_BYTES);
+    sb_init(&board, (uint8_t)strtoul(words[2], NULL, 0), serial, file < 0 ? 0 : FLASH_BYTES);
     for (;;) {
-        struct sb_frame frame;
-        struct pollfd waits = {.fd = port.socket, .events = POLLIN};
-        while (can_receive(&board, &frame))
-            sb_receive(&board, &frame, micros(&board));
-        const uint32_t us = sb_poll(&board, micros(&board));
+        struct pollfd waits = {.fd = can, .events = POLLIN};
+        const uint32_t us = sb_turn(&board);
         const struct timespec time = {.tv_sec = us / 1000000, .tv_nsec = 1000 * (long)(us % 1000000)};
         ppoll(&waits, 1, &time, NULL);
     }

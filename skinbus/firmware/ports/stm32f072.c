@@ -207,14 +207,11 @@ __attribute__((section(".vectors"), used)) static void (*const vectors[16])(void
 
 int main(void)
 {
-    struct sb_frame frame;
     const uint32_t serial = REG(0x1FFFF7ACu) ^ REG(0x1FFFF7B0u) ^ REG(0x1FFFF7B4u); /* of the part */
     start_hardware();
     sb_init(&board, SB_UNCONFIGURED, serial, FLASH_BYTES);
     for (;;) {
-        while (can_receive(&board, &frame))
-            sb_receive(&board, &frame, micros(&board));
-        sb_poll(&board, micros(&board));
+        sb_turn(&board);
         send_queued();
     }
 }

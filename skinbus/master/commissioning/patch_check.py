@@ -1,31 +1,30 @@
 """The check of one patch on a bus against the checklist of its firmware.
 
-A rule is a script that sends, listens and transfers: states, SDO, PDOs and their timing, EMCY, storage, LSS.
-It returns a detail to show, and raises ``BrokenRuleError`` when the patch does not keep it.
+A rule is a dialogue in ``patch_check.txt``: what is sent, and what must come of it. Where that takes
+arithmetic it is a script below, of the same name. A script returns a detail to show, and raises
+``BrokenRuleError`` when the patch does not keep the rule.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from enum import Enum
-from functools import partial
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.can.core import Step
-from skinbus.can.frame import Frame
-from skinbus.master.commissioning.dialogues import Dialogue, Speaker, load_dialogues
+from skinbus.can.frame import RTR, Frame
 from skinbus.master.commissioning.node_id_assignment import LssMaster
 from skinbus.master.commissioning.sessions import Listen, Reply, Request, Script, ScriptCore, Timeouts
 from skinbus.node.nmt import nmt_frame
 from skinbus.node.sync import MAX_COUNTER
 from skinbus.objects import cia
 from skinbus.objects.board import describe_patch
-from skinbus.objects.cia import AbortCode, EmcyCode, NmtCommand, NmtState
+from skinbus.objects.cia import EmcyCode, NmtCommand
 from skinbus.objects.pdo import PdoMap, carries_readings, readings_in, tpdos
 from skinbus.objects.profile import number_at
 
@@ -45,7 +44,8 @@ PRESSED = 3.0
 SYNC_PERIOD_NS = 20 * MS
 ANSWER_NS = 100 * MS
 """For what a node does at once: an EMCY, a change of state."""
-MISSING_INDEX = 0x5FFF
+STEP_NS = 30 * MS
+"""For answers to a frame in a dialogue; shorter than the times in the table."""
 
 
 class Grade(Enum):
@@ -64,8 +64,7 @@ class BrokenRuleError(Exception):
     """The patch does not keep a rule."""
 
 
-@dataclass(frozen=True, slots=True)
-class Rule:
+class Rule(NamedTuple):
     """One line of the checklist."""
 
     name: str
@@ -73,10 +72,27 @@ class Rule:
     """Where CiA 301, 305 or 401 says so; "skinbus" for what is our own."""
     text: str
     """What the firmware must do."""
-    check: Callable[[PatchCheck], Check]
-    is_destructive: bool = False
-    """Whether the parameters stored in the patch are lost."""
-    needs_press: bool = False
+    needs: frozenset[str] = frozenset()
+    """Objects without which a board does not keep it: others are not asked; and the words of the table."""
+    steps: Sequence[str] = ()
+    """Of its dialogue."""
+
+    @property
+    def is_destructive(self) -> bool:
+        """Whether the parameters stored in the patch are lost."""
+        return "store" in self.needs
+
+
+def load_rules() -> Iterator[Rule]:
+    """Yield the rules of the table."""
+    text = Path(__file__).with_suffix(".txt").read_text(encoding="utf-8")
+    for block in text.split("\n# ")[1:]:
+        head, *steps = block.strip().split("\n")
+        name, section, what, needs = (part.strip() for part in head.split("|"))
+        yield Rule(name, section, what, frozenset(needs.split()), steps)
+
+
+RULES = tuple(load_rules())
 
 
 class RuleResult(NamedTuple):
@@ -141,19 +157,26 @@ class PatchCheck(ScriptCore):
     def _run(self, rules: Sequence[Rule], *, destructive: bool) -> Script[None]:
         for rule in rules:
             grade, detail = Grade.SKIPPED, "stored parameters would be lost"
-            if rule.needs_press and not self.ask:
+            if "press" in rule.needs and not self.ask:
                 detail = "with --press"
             elif destructive or not rule.is_destructive:
                 try:
-                    detail = (yield from rule.check(self)) or ""
+                    detail = (yield from self._script_of(rule)) or ""
                     grade = Grade.PASS
                 except BrokenRuleError as broken:
-                    grade, detail = Grade.FAIL, str(broken)
+                    grade, detail = Grade.FAIL, f"{rule.text} {broken}" if rule.steps else str(broken)
+                if rule.steps or grade is Grade.FAIL:
                     yield from self.reset()  # what the rule has changed
             self.results.append(RuleResult(rule, grade, detail))
             self._on_result(self.results[-1])
         # the rules have changed parameters: a reset brings the stored ones back
         yield from self.reset()
+
+    def _script_of(self, rule: Rule) -> Check:
+        if not rule.steps:
+            return SCRIPTS[rule.name](self)
+        has_all = {int(word, 16) for word in rule.needs - {"store"}} <= {*self.od.indices}
+        return Dialogue(self).hold(rule.steps if has_all else ())
 
     def sends(self, base: int, data: bytes | None = None) -> Callable[[Frame], bool]:
         """Return what identifies frames of a service of the patch (COB-ID less node-ID) with these data."""
@@ -258,11 +281,6 @@ def _boots(patch: PatchCheck) -> Check:
         _need(not any(map(is_boot_up, more)), twice)
 
 
-def _identity(patch: PatchCheck) -> Check:
-    places = [(cia.DEVICE_TYPE, 0), *((cia.IDENTITY, k) for k in range(1, 4))]
-    return _as_eds(patch, places, zero_is_any=True)
-
-
 def _heartbeat(patch: PatchCheck) -> Check:
     yield from _ask(_write(cia.HEARTBEAT_PRODUCER, 0, HEARTBEAT_MS, 2))
     received = yield Listen((6 * HEARTBEAT_MS + HEARTBEAT_MS // 2) * MS)
@@ -274,53 +292,12 @@ def _heartbeat(patch: PatchCheck) -> Check:
     _need(worst <= 0.2 * HEARTBEAT_MS * MS, off)  # consumers wait 1.5 periods and more
 
 
-def _states(patch: PatchCheck) -> Check:
-    yield _write(cia.HEARTBEAT_PRODUCER, 0, HEARTBEAT_MS, 2)
-    steps = (
-        (NmtCommand.START, NmtState.OPERATIONAL, patch.node_id),
-        (NmtCommand.STOP, NmtState.STOPPED, patch.node_id),
-        (NmtCommand.PRE_OPERATIONAL, NmtState.PRE_OPERATIONAL, patch.node_id),
-        (NmtCommand.START, NmtState.OPERATIONAL, patch.node_id),
-        (NmtCommand.PRE_OPERATIONAL, NmtState.PRE_OPERATIONAL, 0),
-    )
-    for command, state, to in steps:
-        received: list[Frame] = yield Listen(3 * HEARTBEAT_MS * MS, send=(nmt_frame(command, to),))
-        beats = [f.data.hex() for f in received if patch.is_beat(f)] or ["none"]
-        asked = command.name + " to all (node-ID 0)" * (not to)
-        wrong = f"after {asked} the heartbeat is {beats[-1]}, not {state:02x} ({state.name})"
-        _need(beats[-1] == f"{state:02x}", wrong)
-
-
 def _silent_before_start(patch: PatchCheck) -> Check:
     yield from patch.command(NmtCommand.PRE_OPERATIONAL)
     received = yield Listen(ANSWER_NS, send=(SYNC,))
     ids = {pdo.cob_id for pdo in tpdos(patch.od) if pdo.valid}
     for frame in received:
         _need(frame.can_id not in ids, f"sent PDO 0x{frame.can_id:03X} in PRE-OPERATIONAL")
-
-
-def _stopped(patch: PatchCheck) -> Check:
-    yield from patch.command(NmtCommand.STOP)
-    reply: Reply = yield Request(cia.DEVICE_TYPE, 0)
-    yield from patch.command(NmtCommand.PRE_OPERATIONAL)
-    _need(reply.is_silent, "answers SDO requests in STOPPED")
-
-
-def _aborts(patch: PatchCheck) -> Check:
-    code, long = AbortCode, AbortCode.LENGTH
-    beat = cia.HEARTBEAT_PRODUCER
-    wrong = (
-        (Request(MISSING_INDEX, 0), "read of a missing object", (code.NO_OBJECT,)),
-        (Request(cia.IDENTITY, 0x7F), "read of a missing sub-index", (code.NO_SUB_INDEX,)),
-        (Request(cia.DEVICE_TYPE, 0, bytes(4)), "write to a constant", (code.READ_ONLY,)),
-        (Request(beat, 0, bytes(4)), "write of four bytes to an UNSIGNED16", (code.LENGTH_HIGH, long)),
-        (Request(beat, 0, bytes(1)), "write of one byte to an UNSIGNED16", (code.LENGTH_LOW, long)),
-    )
-    for request, what, codes in wrong:
-        reply: Reply = yield request
-        wanted = " or ".join(f"0x{code:08X}" for code in sorted(codes))
-        seen = f"aborted with 0x{reply.abort:08X}" if reply.abort else "accepted"
-        _need(reply.abort in codes, f"{what} was {seen}; wanted {wanted}")
 
 
 def _communication(patch: PatchCheck) -> Check:
@@ -432,9 +409,11 @@ def _same_as_sdo(patch: PatchCheck) -> Check:
         by_pdo.append((yield from _sync_values(patch)))
         by_sdo.append((yield from _counts(patch)))
     sent, reads = np.array([own for own in by_pdo if own]), np.array(by_sdo)
+    noise = np.ptp(reads, axis=0)
+    noise = np.maximum(noise, np.median(noise))  # of a few reads of one tactel it may be small by chance
     for sub, column in zip(subs, sent.T, strict=False):
-        of, seen, read = reads[:, sub - 1], np.median(column), np.median(reads[:, sub - 1])
-        near = (4 << _spare_bits(patch)) + 2 * np.ptp(of) + abs(read) / 10
+        seen, read = np.median(column), np.median(reads[:, sub - 1])
+        near = (4 << _spare_bits(patch)) + 2 * noise[sub - 1] + abs(read) / 10
         off = f"reading {sub} is {seen:g} by PDO and {read:g} by SDO"
         is_near = abs(seen - read) <= near
         _need(is_near, f"{off}; send what 0x6401 holds: low byte first, not shifted, in this order")
@@ -454,16 +433,6 @@ def _pressed(patch: PatchCheck) -> Check:
     _need(None, f"no press was felt within {PRESS_NS // (1000 * MS)} s")
 
 
-def _segments(patch: PatchCheck) -> Check:
-    """Texts come in segments, whose toggle bit alternates."""
-    for index in (cia.DEVICE_NAME, cia.HARDWARE_VERSION, cia.SOFTWARE_VERSION):
-        if index in patch.od.indices:
-            reply: Reply = yield Request(index, 0)
-            wrong = f"0x{index:04X}: the toggle bit of segments does not alternate, 0 first"
-            _need(reply.abort != AbortCode.TOGGLE, wrong)
-            _need(not reply.abort, f"0x{index:04X}: {cia.describe_abort(reply.abort)}")
-
-
 def _left_adjusted(patch: PatchCheck) -> Check:
     """The bits below the converter's are 0."""
     spare = _spare_bits(patch)
@@ -474,9 +443,9 @@ def _left_adjusted(patch: PatchCheck) -> Check:
 def _rests_in_band(patch: PatchCheck) -> Check:
     """Untouched, no tactel reads as if it were touched."""
     board = describe_patch(patch.od)
+    offset = np.broadcast_to(board.offset, board.n_tactels)
     for sub, value in enumerate((yield from _counts(patch)), 1):
-        offset = 0.0 if board.offset is None else float(board.offset[sub - 1])
-        pressure = (value - offset) * board.transducer.step
+        pressure = (value - offset[sub - 1]) * board.transducer.step
         wanted = f"wanted within {board.threshold:g} Pa, the touch threshold, of its offset"
         _need(abs(pressure) <= board.threshold, f"reading {sub} is {pressure:.0f} Pa untouched; {wanted}")
 
@@ -498,24 +467,6 @@ def _emcy(patch: PatchCheck) -> Check:
         _need(is_kept, "the newest entry of the error history is not the error")
 
 
-def _window(patch: PatchCheck) -> Check:
-    yield from _ask(_write(cia.SYNC_WINDOW, 0, 10_000, 4))
-    reply: Reply = yield Request(cia.SYNC_WINDOW, 0)
-    seen = int.from_bytes(reply.data, "little")
-    yield _write(cia.SYNC_WINDOW, 0, 0, 4)
-    _need(seen == 10_000, f"reads {seen} after 10000 was written")
-
-
-def _mark(patch: PatchCheck) -> Check:
-    """0x1020 is 0 as soon as a parameter is another."""
-    for sub in (cia.VERIFY_DATE, cia.VERIFY_TIME):
-        yield from _ask(_write(cia.VERIFY_CONFIGURATION, sub, 0x1234, 4))
-    yield _write(cia.HEARTBEAT_PRODUCER, 0, HEARTBEAT_MS + 1, 2)
-    for sub in (cia.VERIFY_DATE, cia.VERIFY_TIME):
-        reply: Reply = yield Request(cia.VERIFY_CONFIGURATION, sub)
-        _need(not any(reply.data), f"0x1020:{sub:02X} stays after a parameter was changed")
-
-
 def _lss(patch: PatchCheck) -> Check:
     """Selected by its identity, it answers with its node-ID, and no longer when it is let go."""
     yield from patch.command(NmtCommand.PRE_OPERATIONAL)
@@ -532,75 +483,105 @@ def _lss(patch: PatchCheck) -> Check:
     _need(not (yield from lss.inquire_node_ids()), "answers LSS inquire node-ID after it was let go")
 
 
-def _store(patch: PatchCheck) -> Check:
-    """What is stored comes back after a reset, and what is restored is the default."""
-    reply: Reply = yield Request(cia.STORE_PARAMETERS, cia.STORE_ALL, b"evas")
-    _need(reply.abort, "0x1010:01 takes a wrong signature")
-    default = number_at(patch.od, cia.HEARTBEAT_PRODUCER)
-    yield _write(cia.HEARTBEAT_PRODUCER, 0, default + 7, 2)
-    signatures = (
-        (cia.STORE_PARAMETERS, cia.SIGNATURE_SAVE, default + 7),
-        (cia.RESTORE_DEFAULTS, cia.SIGNATURE_LOAD, default),
-    )
-    for index, signature, wanted in signatures:
-        yield from _ask(_write(index, cia.STORE_ALL, signature, 4))
-        yield from patch.reset()
-        reply = yield Request(cia.HEARTBEAT_PRODUCER, 0)
-        seen = int.from_bytes(reply.data, "little")
-        _need(seen == wanted, f"0x1017 is {seen} after 0x{index:04X} and a reset; wanted {wanted}")
+SCRIPTS: dict[str, Callable[[PatchCheck], Check]] = {
+    "boot-up": _boots,
+    "heartbeat": _heartbeat,
+    "silence": _silent_before_start,
+    "PDO parameters": _communication,
+    "readings": _readings,
+    "new samples": _new_samples,
+    "channels": _channels,
+    "heartbeat under load": _beats_under_load,
+    "PDO as SDO": _same_as_sdo,
+    "left-adjusted": _left_adjusted,
+    "at rest": _rests_in_band,
+    "pressed": _pressed,
+    "EMCY": _emcy,
+    "LSS": _lss,
+}
+"""Of rules without a dialogue."""
+
+COMMANDS = {
+    "pre": NmtCommand.PRE_OPERATIONAL,
+    "op": NmtCommand.START,
+    "stop": NmtCommand.STOP,
+    "reset": NmtCommand.RESET_NODE,
+}
 
 
-def _dialogue(patch: PatchCheck, dialogue: Dialogue) -> Check:
-    """A dialogue of the table, with a board that has what it is about."""
-    if {*dialogue.needs} <= {*patch.od.indices}:
-        wrong = yield from Speaker(patch.node_id, patch.od).hold(dialogue.steps)
-        _need(not wrong, wrong)
-        yield from patch.reset()  # what it has changed
+class Dialogue:
+    """A dialogue with one board."""
+
+    def __init__(self, patch: PatchCheck) -> None:
+        self.patch, self.node_id = patch, patch.node_id
+        self.heard: list[Frame] = []
+
+    def hold(self, steps: Sequence[str]) -> Check:
+        """Go through the steps."""
+        yield from self._hear(nmt_frame(NmtCommand.PRE_OPERATIONAL, self.node_id))
+        for number, step in enumerate(steps, 1):
+            wrong = yield from self._take(*step.split())
+            _need(not wrong, f"step {number}, {step}: {wrong}")
+
+    def _hear(self, *send: Frame, ns: int = STEP_NS) -> Script[None]:
+        self.heard = yield Listen(ns, send=send)
+
+    def _take(self, verb: str, *words: str) -> Script[str]:
+        """Take a step; return what was wrong, nothing if it went well."""
+        if verb in ("read", "write"):
+            return (yield from self._transfer(verb, *words))
+        if verb in ("off", "on"):
+            index = int(words[0], 16)
+            cob_id = number_at(self.patch.od, index, cia.PDO_COB_ID)
+            own = cob_id | cia.COB_ID_INVALID if verb == "off" else cob_id
+            reply: Reply = yield Request(index, cia.PDO_COB_ID, own.to_bytes(4, "little"))
+            return cia.describe_abort(reply.abort) if reply.abort else ""
+        if verb in ("eds", "fits"):
+            yield from _as_eds(self.patch, [_place(words[0])], zero_is_any=verb == "fits")
+        elif verb in COMMANDS:
+            ns = BOOT_NS if verb == "reset" else STEP_NS
+            yield from self._hear(nmt_frame(COMMANDS[verb], self.node_id), ns=ns)
+        elif verb == "++":
+            yield from self._hear(ns=int(words[0]) * MS)
+        elif verb in ("->", ">>", "=>"):
+            frame = self._frame(words)
+            is_filled = verb == "->" and frame.can_id & ~0x7F in (cia.SDO_CLIENT_BASE, 0x780)
+            data = frame.data.ljust(8, b"\0") if is_filled else frame.data
+            yield from self._hear(frame._replace(data=data, flags=RTR if verb == "=>" else 0))
+        else:
+            return self._compare(verb, self._frame(words))
+        return ""
+
+    def _frame(self, words: Sequence[str]) -> Frame:
+        base, plus, _ = words[0].partition("+n")
+        data = bytes(self.node_id if word == "n" else int(word, 16) for word in words[1:])
+        return Frame(int(base, 16) + self.node_id * bool(plus), data)
+
+    def _compare(self, verb: str, wanted: Frame) -> str:
+        """Return what is wrong with the frames that were heard with an identifier."""
+        came = [frame.data for frame in self.heard if frame.can_id == wanted.can_id and not frame.flags & RTR]
+        n, is_exact = len(came), verb == "=="
+        is_right = came and (came[-1] == wanted.data if is_exact else came[-1].startswith(wanted.data))
+        if verb == "--":
+            return f"came {n} times" if came else ""
+        if verb != "~~" and n != 1:
+            return f"came {n} times"
+        return "" if is_right else f"came as {came[-1].hex(' ') if came else 'nothing'}"
+
+    def _transfer(self, verb: str, place: str, *words: str) -> Script[str]:
+        """Read or write; an exclamation mark asks for an abort, by one of the codes after it if there are."""
+        values, mark, codes = " ".join(words).partition("!")
+        data = bytes.fromhex(values.replace("=", ""))
+        reply: Reply = yield Request(*_place(place), None if verb == "read" else data)
+        if mark and not reply.abort:
+            return "was accepted"
+        wanted = [int(code, 16) for code in codes.split()]
+        if reply.abort and (not mark or reply.is_silent or (wanted and reply.abort not in wanted)):
+            return cia.describe_abort(reply.abort)
+        is_so = mark or verb == "write" or reply.data.startswith(data)
+        return "" if is_so else f"is {reply.data.hex(' ')}"
 
 
-def _survives(patch: PatchCheck) -> Check:
-    sdo, nmt = cia.SDO_CLIENT_BASE + patch.node_id, cia.NMT_COMMAND_ID
-    junk = (
-        (sdo, b"\x40\x00\x10"),
-        (sdo, bytes([0xFF] * 8)),
-        (nmt, b"\x01"),
-        (nmt, bytes([0x55, patch.node_id])),
-        (cia.LSS_MASTER_ID, b"\x04"),
-    )
-    yield Listen(ANSWER_NS, send=tuple(Frame(can_id, data) for can_id, data in junk))
-    reply: Reply = yield Request(cia.DEVICE_TYPE, 0)
-    _need(not reply.abort, "does not answer after malformed frames")
-
-
-RULES = (
-    Rule("boot-up", "301 7.2.8.3.1.4", "A reset ends with the boot-up message, before any other.", _boots),
-    Rule("identity", "301 7.5.2.19", "Device type and identity are those of the EDS.", _identity),
-    Rule("heartbeat", "301 7.5.2.21", "The heartbeat keeps the period of 0x1017 within a fifth.", _heartbeat),
-    Rule("states", "301 7.3.2.2", "NMT commands lead to their states, which the heartbeat shows.", _states),
-    Rule("silence", "301 7.3.2.2.5", "No PDO is sent before the start.", _silent_before_start),
-    Rule("stopped", "301 7.3.2.2.5", "SDO requests are not answered in STOPPED.", _stopped),
-    Rule("SDO aborts", "301 7.2.4.3.17", "Wrong requests are aborted with the code of their fault.", _aborts),
-    Rule("PDO parameters", "301 7.5.2.37", "PDO parameters are those of the EDS.", _communication),
-    Rule("segments", "301 7.2.4.3", "The toggle bit of SDO segments alternates.", _segments),
-    Rule("readings", "301 7.2.2", "Each SYNC has one answer in time, of all TPDOs by number.", _readings),
-    Rule("new samples", "301 7.2.2", "Each answer is sampled anew.", _new_samples),
-    Rule("channels", "skinbus", "No two readings are always the same.", _channels),
-    Rule("heartbeat under load", "301 7.2.8", "No heartbeat is missing meanwhile.", _beats_under_load),
-    Rule("PDO as SDO", "401 6.4", "TPDOs carry what 0x6401 (0x6400) holds.", _same_as_sdo),
-    Rule("left-adjusted", "401 6.4", "Readings are left-adjusted: spare bits are 0.", _left_adjusted),
-    Rule("at rest", "skinbus", "Untouched, no reading passes the touch threshold.", _rests_in_band),
-    Rule("pressed", "401 6.4", "Under a finger TPDOs carry what 0x6401 holds.", _pressed, needs_press=True),
-    Rule("EMCY", "301 7.2.7", "Errors are sent once, kept in 0x1001 and 0x1003, and taken back.", _emcy),
-    Rule("synchronous window", "301 7.5.2.7", "0x1007 can be set; late TPDOs are not sent.", _window),
-    Rule("configuration mark", "301 7.5.2.24", "0x1020 is 0 once a parameter was changed.", _mark),
-    Rule("LSS", "305 4.1", "LSS selects the board by its identity.", _lss),
-    Rule(
-        "storage", "301 7.5.2.13", "0x1010 stores and 0x1011 restores, with their signatures.", _store, True
-    ),
-    *(
-        Rule(d.name, d.section, d.text, partial(_dialogue, dialogue=d), d.is_destructive)
-        for d in load_dialogues()
-    ),
-    Rule("malformed frames", "301 7.2.4", "Malformed frames change nothing.", _survives),
-)
-"""In the order in which they are checked: last what may stop a board for good."""
+def _place(text: str) -> tuple[int, int]:
+    index, _, sub = text.partition(":")
+    return int(index, 16), int(sub, 16)

@@ -14,8 +14,7 @@ from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
 from skinbus.config.placement import Mounting
 from skinbus.config.system import ods_of
-from skinbus.master.commissioning.identification import Identified, Place
-from skinbus.master.commissioning.press_dialogue import Board
+from skinbus.master.commissioning.identification import Board, Identified, Place
 from skinbus.master.commissioning.scan import Found
 from skinbus.master.cycle import CycleReport
 from skinbus.master.master import Master

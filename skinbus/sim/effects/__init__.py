@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Final
 
 from skinbus.sim.effect import Effect
 
-MODULES: Final = {
+MODULES = {
     # when a sample is taken; where tactels are, how they respond and how loads act
     "mounting": ("sync_jitter", "misplaced", "response", "shear"),
     "readings": (
@@ -25,7 +24,7 @@ MODULES: Final = {
         *("response_jitter", "babbling_node", "corrupt", "delay", "loss"),
     ),
 }
-ORDER: Final = tuple(name for names in MODULES.values() for name in names)
+ORDER = tuple(name for names in MODULES.values() for name in names)
 """Every effect, in the order in which physics applies those of one stage."""
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
 
 import numpy as np
 
@@ -13,12 +12,10 @@ from skinbus.sim.layer import Geometry, ResponseColumns
 
 Mount = Callable[[Geometry], None]
 
-PROFILE: Final = np.array(
-    [[0.0, 1e-3, 5e-3, 8e-3, 12e-3, 20e-3, 30e-3], [0.0, 0.04, 0.22, 1.0, 0.65, 0.22, 0.0]]
-)
+PROFILE = np.array([[0.0, 1e-3, 5e-3, 8e-3, 12e-3, 20e-3, 30e-3], [0.0, 0.04, 0.22, 1.0, 0.65, 0.22, 0.0]])
 """Distance (m) and standard deviation of the residual as a share of its largest: measured on an array of
 barometers under rubber, 9.9 mm apart; the ends are zero."""
-N_WAVES: Final = 24
+N_WAVES = 24
 """Cosines that make up the smooth residual: its values are then normal within a few per cent."""
 
 

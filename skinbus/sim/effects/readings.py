@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from skinbus.arrays import Floats
+from skinbus.arrays import Floats, Ints32
 from skinbus.errors import Fault
 from skinbus.model import Arm
 from skinbus.sim.effect import (
     CountStep,
     Effect,
-    Ints,
     PressureStep,
     Rng,
     Stage,
@@ -23,13 +22,13 @@ from skinbus.sim.effect import (
     unknown_tactels,
 )
 
-_EULER: Final = math.exp(0.5772156649015329)
+_EULER = math.exp(0.5772156649015329)
 """The sum of 1 - exp(-t/tau) over decades of tau is log10(t/first) + 1/2 + log10(e^gamma) in the middle."""
-RATIO: Final = 4.0
+RATIO = 4.0
 """Of neighbouring time constants of flicker noise; the ripple of the density is then below 2 %."""
-_REFRESH: Final = 0.125
+_REFRESH = 0.125
 """Time constants after which a state of flicker noise is drawn anew, so that slow ones cost nothing."""
-_OVER: Final = 5.0
+_OVER = 5.0
 """Durations after which a burst is over: 0.7 % of it is left."""
 
 
@@ -299,7 +298,7 @@ class Crosstalk(Effect):
         return step
 
 
-def lines_of(arm: Arm) -> Ints:
+def lines_of(arm: Arm) -> Ints32:
     """Return the numbers of row and column of each tactel, (2, n_tactels); no two boards share one."""
     lines = np.zeros((2, arm.n_tactels), np.int32)
     for p, placed in enumerate(arm.patches):
@@ -452,7 +451,7 @@ class Adc(Effect):
         # the converter's values spread over its range: 2^(bits - 1) of each sign
         width = np.maximum(1.0, (top + (top == full)) / (1 << (self.bits - 1)))
 
-        def step(counts: Ints, t_s: float) -> Any:
+        def step(counts: Ints32, t_s: float) -> Any:
             n = np.floor(np.clip(counts, -top - 1.0, top) / width + 0.5)
             n -= n * width > top
             return np.rint(n * width).astype(np.int32)
@@ -469,9 +468,9 @@ class Stuck(_FaultyTactels):
     def bind(self, arm: Arm, rng: Rng) -> CountStep:
         """Return ``step(counts, t_s) -> counts``."""
         chosen = self.chosen(arm, rng)
-        frozen: Ints | None = None
+        frozen: Ints32 | None = None
 
-        def step(counts: Ints, t_s: float) -> Ints:
+        def step(counts: Ints32, t_s: float) -> Ints32:
             nonlocal frozen
             if t_s >= self.from_s:
                 if frozen is None:

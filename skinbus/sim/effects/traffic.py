@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from statistics import NormalDist
-from typing import Final
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from skinbus.sim.effect import (
     unknown_nodes,
 )
 
-_REGISTER: Final = 0x11  # generic and communication error, CiA 301, 7.5.2.2
+_REGISTER = 0x11  # generic and communication error, CiA 301, 7.5.2.2
 
 
 @settings

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from typing import Final
 
@@ -16,50 +15,46 @@ from skinbus.skin.skin import Skin
 
 PATIENCE_S: Final = 2.0
 """How long the end of the thread is waited for."""
-SPAN_NS: Final = 20_000_000_000
 STEP_NS: Final = 100_000_000
+N_BINS: Final = 200
 """Of the plot of forces."""
 
 
 class History:
-    """Forces by id of the cycles of the last twenty seconds."""
+    """Forces by id in the last twenty seconds, the largest of each tenth of a second."""
 
     def __init__(self) -> None:
-        self._rows: deque[tuple[int, dict[int, float]]] = deque()
+        self._bins: dict[int, dict[int, float]] = {}
         self._last_number = 0
         self.n_lost = 0
         """Cycles that the source made and that have not come here."""
 
     def take(self, cycle: Cycle) -> None:
         """Add a cycle; one of an earlier time begins anew."""
-        rows, t_ns, records = self._rows, cycle.t_ns, cycle.records
+        bins, now, records = self._bins, cycle.t_ns // STEP_NS, cycle.records
         if cycle.number > self._last_number > 0:  # else the source is another one
             self.n_lost += cycle.number - self._last_number - 1
         self._last_number = cycle.number
-        if rows and rows[-1][0] > t_ns:
-            rows.clear()
-        forces = dict(zip(records["id"].tolist(), records["force"].tolist(), strict=True))
-        rows.append((t_ns, forces))
-        while t_ns - rows[0][0] >= SPAN_NS:
-            rows.popleft()
+        if any(k > now for k in bins):
+            bins.clear()
+        before = bins.get(now, {})
+        forces = zip(records["id"].tolist(), records["force"].tolist(), strict=True)
+        bins[now] = before | {key: max(force, before.get(key, 0.0)) for key, force in forces}
+        while now - next(iter(bins)) >= N_BINS:
+            del bins[next(iter(bins))]
 
     def forces(self, most: int) -> tuple[Floats, list[int], Floats]:
         """Return times (n,) s before now, the ids that were seen last, and their largest forces (n, k) N.
 
         A force is 0 where an id was not there.
         """
-        rows, n = self._rows.copy(), SPAN_NS // STEP_NS
-        times: Floats = (np.arange(n, dtype=np.float64) - (n - 1)) * 1e-9 * STEP_NS
-        ids: dict[int, None] = {}
-        for _, forces in reversed(rows):
-            ids |= dict.fromkeys(forces)
-        shown = sorted(list(ids)[:most])
-        table = np.zeros((n, len(shown)))
-        for t_ns, forces in rows:
-            k = n - 1 - (rows[-1][0] - t_ns) // STEP_NS
-            for column, key in enumerate(shown):
-                table[k, column] = max(table[k, column], forces.get(key, 0.0))
-        return times, shown, table
+        bins = self._bins.copy()
+        ids = dict.fromkeys(key for forces in reversed(bins.values()) for key in forces)
+        shown = sorted([*ids][:most])
+        newest = max(bins, default=0)
+        rows = [bins.get(k, {}) for k in range(newest + 1 - N_BINS, newest + 1)]
+        table = np.array([[row.get(key, 0.0) for key in shown] for row in rows])
+        return np.linspace(-1e-9 * STEP_NS * (N_BINS - 1), 0.0, N_BINS), shown, table
 
 
 class Follower:

@@ -11,23 +11,18 @@ SEED = 20261123
 
 
 @contextmanager
-def pressed_pad(bus, then=None):
-    """A board on a bus of this process, pressed in its middle; ``then`` is called after six."""
+def pressed_pad(bus):
+    """A board on a bus of this process, pressed in its middle."""
     arm = mounted(load_arm("pad"), SEED)
     scene = pressed_scene(arm)
     over = threading.Event()
     person = Person(arm, SEED)
 
     def press():
-        n = 0
         while not over.wait(0.35):
             scene.plan.touches = [(*person.point(0), FORCE_N)]
             over.wait(0.9)
             scene.plan.touches = []
-            n += 1
-            if n == 6 and then:
-                over.wait(0.3)
-                then()
 
     hand = threading.Thread(target=press)
     with bus.with_cores(World(scene)):

@@ -6,7 +6,6 @@ from skinbus.cli.commands.assign import wanted_by
 from skinbus.config.system import load_arm
 from skinbus.master.commissioning.node_id_assignment import Address, Known
 from skinbus.node import Device
-from skinbus.node.storage import MemoryStorage
 from skinbus.objects.eds import load_eds
 
 ARM = """
@@ -44,10 +43,7 @@ def test_arm_file_says_who_is_known_by_serial_number(arm_file):
 
 
 def test_patches_get_the_node_ids_of_the_arm_file(own_bus, arm_file):
-    devices = [
-        Device(load_eds("skin-patch", 1, serial=serial), 255, storage=MemoryStorage())
-        for serial in (815, 4711)
-    ]
+    devices = [Device(load_eds("skin-patch", 1, serial=serial), 255, storage={}) for serial in (815, 4711)]
     with own_bus.with_cores(*devices):
         # more time for an answer than usual: a busy machine may hold the devices up
         answer = own_bus.run("scan", "assign", arm_file, "--timeout-ms", "100")

@@ -2,15 +2,14 @@
 
 import math
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from skinbus.cli import group
+from skinbus.cli.press_csv import write_presses
 from skinbus.config.system import load_arm
-from tests.cli.commands.press_table import write_presses
 from tests.estimate.calibration.located_boards import made
 from tests.robot.mesh_arms import write_tube
 
@@ -34,7 +33,8 @@ def test_places_go_into_the_file_when_it_is_asked_for(case, tmp_path):
     path, planned, true, presses = case
     own = tmp_path / "arm.toml"
     own.write_text("# measured\n" + path.read_text())
-    table = write_presses(tmp_path / "presses.csv", presses, planned)
+    table = tmp_path / "presses.csv"
+    write_presses(table, planned, presses)
     before = own.read_text()
     only = locate(own, table)
     assert (only.exit_code, own.read_text()) == (0, before), only.output
@@ -52,10 +52,9 @@ def test_places_go_into_the_file_when_it_is_asked_for(case, tmp_path):
 def test_outliers_are_named_by_their_lines(case, tmp_path):
     path, planned, _, presses = case
     presses = list(presses)
-    presses[7] = presses[7].__class__(
-        presses[7].patch, presses[7].s + 9e-3, presses[7].a, presses[7].readings
-    )
-    result = locate(path, write_presses(tmp_path / "presses.csv", presses, planned))
+    presses[7] = presses[7]._replace(s=presses[7].s + 9e-3)
+    write_presses(tmp_path / "presses.csv", planned, presses)
+    result = locate(path, tmp_path / "presses.csv")
     assert "line 9: more than 4 standard deviations off" in result.output
     assert result.exit_code == 0
 
@@ -63,8 +62,9 @@ def test_outliers_are_named_by_their_lines(case, tmp_path):
 @pytest.mark.slow
 def test_boards_at_each_others_places_are_not_moved_and_both_are_named(case, tmp_path):
     path, planned, _, presses = case
-    swapped = [replace(press, patch={4: 13, 13: 4}.get(press.patch, press.patch)) for press in presses]
-    table = write_presses(tmp_path / "presses.csv", swapped, planned)
+    swapped = [press._replace(patch={4: 13, 13: 4}.get(press.patch, press.patch)) for press in presses]
+    table = tmp_path / "presses.csv"
+    write_presses(table, planned, swapped)
     result = locate(path, table, "--out", tmp_path / "out.toml")
     assert result.exit_code == 1, result.output
     for node_id in (5, 14):

@@ -65,6 +65,22 @@ def test_points_in_space_and_a_known_weight_take_the_place_of_the_chart_and_a_fo
     assert {row["force_n"] for row in rows} == {4.905}
 
 
+@pytest.mark.slow
+def test_three_lines_for_each_press_made_by_hand_are_enough(field):
+    folder, truth = field
+    lines = [
+        f"{t:.1f},{s},{a},{newton}"
+        for begin, end, s, a, _ in truth
+        for t, newton in ((begin, 0), (0.5 * (begin + end), 4.905), (end, 0))
+    ]
+    (folder / "hand.csv").write_text("\n".join(["t_s,s_mm,a_mm,force_n", *lines]))
+    result = presses(folder, "--poses", folder / "hand.csv")
+    assert result.exit_code == 0, result.output
+    rows = found_in(folder)
+    check_places(rows, truth)
+    assert {row["force_n"] for row in rows} == {4.905}
+
+
 def test_a_line_names_the_bus_where_an_arm_has_several(tmp_path):
     arm = load_arm("arm-two-buses")
     means = np.zeros(arm.n_tactels)

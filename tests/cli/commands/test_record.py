@@ -12,7 +12,7 @@ from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.can.candump import CandumpReader
 from skinbus.can.frame import BRS, EXTENDED, FD, Frame
 from skinbus.cli import group as commands
-from tests.cli.patience import PATIENCE_S, complaints
+from tests.cli.patience import PATIENCE_S
 
 
 def record(*args):
@@ -78,8 +78,7 @@ def test_all_frames_of_all_channels_are_recorded_and_reported(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL])
-def test_a_recording_that_is_stopped_or_killed_has_whole_lines_only(skinbus, group, tmp_path, number):
+def test_a_recording_that_is_killed_has_whole_lines_only(skinbus, group, tmp_path):
     log = tmp_path / "field.log"
     with Speaker([Frame(k, bytes(8)) for k in range(50)], "udp_multicast", group):
         process = skinbus("record", str(log), "--interface", "udp_multicast", "--channel", group)
@@ -89,16 +88,11 @@ def test_a_recording_that_is_stopped_or_killed_has_whole_lines_only(skinbus, gro
         while log.stat().st_size < 100_000 and timer.is_alive():
             timer.join(0.01)
         timer.cancel()
-        process.send_signal(number)
-        out, err = process.communicate(timeout=PATIENCE_S)
+        process.kill()
+        process.communicate(timeout=PATIENCE_S)
     reader = CandumpReader(log)
-    n = len(list(reader))
-    assert n > 1000
+    assert len(list(reader)) > 1000
     assert reader.n_strange == 0
-    assert complaints(err) == []
-    if number is signal.SIGTERM:
-        assert (process.returncode, reader.is_cut) == (0, False)
-        assert f"{log}: {n} frames in " in out
 
 
 def test_what_is_there_is_not_written_over_and_no_bus_leaves_no_file(tmp_path):

@@ -1,6 +1,8 @@
 """`skinbus replay`, as somebody who saw a wrong contact in the field uses it."""
 
 import csv
+import os
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -16,8 +18,8 @@ from tests.master.rig import MS
 READINGS = (0x181, 0x281, 0x381, 0x481)
 
 
-def replay(*args, **settings):
-    return CliRunner().invoke(group, ["replay", *map(str, args)], **settings)
+def replay(*args):
+    return CliRunner().invoke(group, ["replay", *map(str, args)])
 
 
 def contacts_of(*args, out):
@@ -54,7 +56,11 @@ def test_the_same_log_gives_the_same_bytes(field, tmp_path):
         said, _ = contacts_of(field, "--arm", "pad", out=out)
         outputs.append((said.replace(str(out), ""), out.read_bytes()))
     assert outputs[0] == outputs[1]
-    piped = replay("-", "--arm", "pad", input=field.read_text()).output.splitlines()[1:]
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with ThreadPoolExecutor() as writer:
+        writer.submit(pipe.write_bytes, field.read_bytes())
+        piped = replay(pipe, "--arm", "pad").output.splitlines()[1:]
     assert piped == outputs[0][0].splitlines()[1 : 1 + len(piped)]
 
 

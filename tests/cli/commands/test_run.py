@@ -135,7 +135,8 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
         # A contact may be gone for a moment in which the patches are held up.
         wait_until(lambda: any(abs(c.force - contact["Force"].raw) < 0.5 for c in skin.latest().contacts))
 
-    said = []
+    said, commands = [], []
+    client.network.subscribe(0, lambda cob_id, data, t: commands.append(bytes(data)))
     wait_until(lambda: said.extend(said_to(manager)) or said.count("WATCHDOG=1") >= 2)
     assert said[0] == "READY=1"
     for process, ending in ((run, signal.SIGTERM), (sim, signal.SIGINT)):
@@ -144,17 +145,15 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
         assert process.returncode == 0 or "silent: " in out, out + err  # held up at the end
         assert "Traceback" not in out + err
     assert "STOPPING=1" in said_to(manager)
+    wait_until(lambda: bytes([128, 0]) in commands)  # all patches are left pre-operational
     with pytest.raises(ShareError):
         attach(shared)
 
 
-@pytest.mark.slow
-def test_monitor_without_a_master_is_status_1_and_says_so(skinbus, group):
-    bus = ("--interface", "udp_multicast", "--channel", group)
-    monitor = skinbus("monitor", "pad", *bus, "--seconds", "0.3")
-    _, err = monitor.communicate(timeout=PATIENCE_S)
-    assert monitor.returncode == 1
-    assert "nothing of a master was received" in err
+def test_monitor_without_a_master_is_status_1_and_says_so(own_bus):
+    monitor = own_bus.run("monitor", "pad", "--seconds", "0.3")
+    assert monitor.exit_code == 1
+    assert "nothing of a master was received" in monitor.output
 
 
 KEPT_S = 25.0

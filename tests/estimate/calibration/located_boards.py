@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from skinbus.config.system import load_arm
-from skinbus.estimate.calibration.location import PlacedPress
+from skinbus.estimate.calibration.table import Press
 from skinbus.model import Arm
 from tests.master.commissioning.person import Hand
 
@@ -56,7 +56,7 @@ def pressed(true, seed, *, n=6, sd=0.3e-3, force=5.0, half=HALF, centre=(0.0, 0.
             hand.scene.plan.touches = [(placed.link, float(s), float(a), force)]
             said = surface.undevelop(*(where + sd * rng.standard_normal(2)), placed.a)
             readings = np.mean([hand.pressures() for _ in range(5)], axis=0)[true.tactels_of(p)]
-            presses.append(PlacedPress(p, float(said[0]), float(said[1]), readings))
+            presses.append(Press(p, float(said[0]), float(said[1]), force, readings))
     return presses
 
 

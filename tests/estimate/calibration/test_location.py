@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skinbus.estimate.calibration.location import PRIOR_SD, PlacedPress, locate
+from skinbus.estimate.calibration.location import PRIOR_SD, locate
 from skinbus.model import Arm
 from tests.estimate.calibration.located_boards import errors, made, misplaced, pressed
 
@@ -57,7 +57,7 @@ def test_outliers_are_found_by_number_and_do_no_harm(tmp_path):
     planned, true, presses = made(tmp_path, "cylinder", SEED + 1, n=8)
     bad = [3, 17, 18, 60, 141]
     for k in bad:
-        presses[k] = replace(presses[k], s=presses[k].s + 8e-3, a=presses[k].a - 5e-3)
+        presses[k] = presses[k]._replace(s=presses[k].s + 8e-3, a=presses[k].a - 5e-3)
     found = locate(planned, presses)
     assert sorted(k for board in found.boards for k in board.outliers) == bad
     assert rms(np.hypot(*errors(true, found)[:, :2].T)) < 0.3e-3
@@ -93,13 +93,13 @@ def test_what_presses_do_not_determine_stays_and_is_named(tmp_path):
 
 def test_a_press_without_a_contact_or_with_two_is_not_used(tmp_path):
     planned, _, presses = small(tmp_path, n=6)
-    presses[1] = replace(presses[1], readings=np.zeros(16))
+    presses[1] = presses[1]._replace(readings=np.zeros(16))
     two = np.zeros(16)
     two[[0, 15]] = 40e3
-    presses[4] = replace(presses[4], readings=two)
+    presses[4] = presses[4]._replace(readings=two)
     (board,) = locate(planned, presses).boards
     assert board.unusable == (1, 4)
-    (none,) = locate(planned, [replace(press, readings=np.zeros(16)) for press in presses]).boards
+    (none,) = locate(planned, [press._replace(readings=np.zeros(16)) for press in presses]).boards
     assert none.used == ()
 
 
@@ -119,8 +119,8 @@ def test_a_board_that_is_turned_or_mirrored_is_named(tmp_path, what):
 def test_swapped_axes_and_wrong_units_fit_no_place(tmp_path):
     planned, _, presses = small(tmp_path, n=12)
     for wrong in (
-        [PlacedPress(q.patch, q.a, q.s, q.readings) for q in presses],
-        [PlacedPress(q.patch, 1e-3 * q.s, 1e-3 * q.a, q.readings) for q in presses],
+        [q._replace(s=q.a, a=q.s) for q in presses],
+        [q._replace(s=1e-3 * q.s, a=1e-3 * q.a) for q in presses],
     ):
         (board,) = locate(planned, wrong).boards
         assert board.is_mirrored or board.is_turned or len(board.outliers) > len(board.used)

@@ -6,8 +6,7 @@ import numpy as np
 
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.system import load_arm
-from skinbus.master.commissioning.identification import Identification
-from skinbus.master.commissioning.press_dialogue import Board
+from skinbus.master.commissioning.identification import Board, Identification
 from skinbus.master.commissioning.unplaced_boards import kinds_of, places_of
 from tests.master.commissioning.person import FORCE_N, Hand, Person, mounted
 

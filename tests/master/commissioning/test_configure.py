@@ -7,7 +7,6 @@ import pytest
 from skinbus.can.event import EventKind
 from skinbus.master.patches.provisioning import Change, Configurer, Provision, expected_node
 from skinbus.node import Device
-from skinbus.node.storage import MemoryStorage
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 from skinbus.objects.settings import freeze
@@ -26,7 +25,7 @@ def plans(node_ids, settings=THRESHOLD, **identity):
 
 
 def test_factory_patch_gets_every_value_and_keeps_it_over_a_power_cycle():
-    storage = MemoryStorage()
+    storage = {}
     device = patch(3, storage=storage)
     factory = device.get(*TOUCH)
     core = Configurer(plans([3], MUCH))

@@ -7,7 +7,6 @@ from skinbus.can.frame import Frame
 from skinbus.errors import BusError
 from skinbus.master.commissioning.node_id_assignment import Address, Assigned, Assigner, Known
 from skinbus.node import Device
-from skinbus.node.storage import MemoryStorage
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 from tests.master.commission import Bench, patch
@@ -98,7 +97,7 @@ def refuses(device):
     ],
 )
 def test_a_node_that_does_not_move_stops_those_behind_it_or_is_named(wanted, locked, after, said):
-    storages = {serial: MemoryStorage() for serial in (11, 12, 13)}
+    storages = {serial: {} for serial in (11, 12, 13)}
     devices = {serial: patch(serial - 10, storage=storages[serial], serial=serial) for serial in storages}
     known = [Known(address(serial), node_id) for serial, node_id in zip(devices, wanted, strict=True)]
     core = Assigner(known=known, free=range(1, 10))
@@ -164,7 +163,7 @@ def test_known_nodes_with_one_identity_keep_what_they_have_after_a_reset_too(nod
 
 @pytest.mark.parametrize("node_id", [5, UNCONFIGURED])
 def test_node_whose_answer_to_its_node_id_is_lost_has_what_it_had_when_it_was_switched_off_and_on(node_id):
-    storage = MemoryStorage()
+    storage = {}
 
     class Mute(Wrapped):
         """Does what it is told; its first answer to a node-ID is lost."""

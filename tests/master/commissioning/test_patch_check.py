@@ -6,7 +6,6 @@ import pytest
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.master.commissioning.patch_check import MS, RULES, Grade, PatchCheck
 from skinbus.node import Device
-from skinbus.node.storage import MemoryStorage
 from skinbus.objects.eds import eds_names, find_eds, load_eds
 from tests.master.misbehaving import Delayed
 
@@ -36,7 +35,7 @@ class Board(Delayed):
 
 
 def device(eds="skin-patch"):
-    return Device(load_eds(eds, NODE), NODE, storage=MemoryStorage())
+    return Device(load_eds(eds, NODE), NODE, storage={})
 
 
 def check(board, eds="skin-patch", wire=None, rules=RULES, n_syncs=50, ask=None):

@@ -5,7 +5,6 @@ import pytest
 from skinbus.config.system import load_arm
 from skinbus.master import Master
 from skinbus.master.patches.table import PatchState
-from skinbus.node.storage import MemoryStorage
 from skinbus.objects import cia
 from tests.master.commission import Bench, patch
 from tests.master.misbehaving import SAVE, Tool, Wrapped, all_pdos_off, swapped_mappings
@@ -25,7 +24,7 @@ def let(wire, tool):
 
 def stored(writes, **settings):
     """A patch in which a tool has stored this, then powered on again."""
-    storage = MemoryStorage()
+    storage = {}
     device = patch(NODE, storage=storage, **settings)
     let(Bench(device).wire, Tool(NODE, writes(device)))
     return patch(NODE, storage=storage, **settings)

@@ -30,7 +30,7 @@ from skinbus.sim.effects.readings import (
 def test_preload_is_stiffness_times_stand_off(apply, forearm):
     out = apply(Bend(kpa_per_mm=0.5), 0.0, [0.0])[0]
     surface = forearm.links[0].surface
-    radius = float(forearm.link_radius[0])
+    radius = float(forearm.links[0].surface.radius)
     w = np.array([-15, -5, 5, 15]) * 1e-3
     wanted = 0.5e6 * w**2 / (2 * radius)
     for p in range(forearm.n_patches):

@@ -5,15 +5,15 @@
 
 #define ROOM 64
 
-struct library {
-    struct sb_board board;
-    struct sb_frame out[ROOM];
-    unsigned n_out;
-    int16_t readings[SB_N_TACTELS];
-    uint8_t status;
+struct library { /* callers set and read what comes before the board */
+    uint32_t n_writes; /* words of flash written until the supply fails; further ones fail */
+    uint32_t n_out;
     uint16_t age_100us;
+    uint8_t status;
+    int16_t readings[SB_N_TACTELS];
+    struct sb_frame out[ROOM];
     uint8_t *flash; /* two pages */
-    uint32_t n_writes; /* words written until the supply fails; further ones fail */
+    struct sb_board board;
 };
 
 static struct library *library_of(struct sb_board *b)
@@ -58,73 +58,40 @@ bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t dat
     return !is_torn;
 }
 
-/* Of what is in the library itself: main loops have can_receive and micros; here their caller has both. */
+/* Main loops have can_receive and micros; whoever loads the library has both, for sb_receive and sb_poll. */
 
 size_t library_size(void)
 {
     return sizeof(struct library);
 }
 
-void library_init(struct library *library, uint8_t node_id, uint32_t serial, uint8_t *flash, size_t flash_bytes)
+struct sb_board *library_init(struct library *library, uint8_t node_id, uint32_t serial, uint8_t *flash, size_t n)
 {
     library->board.port = library;
     library->flash = flash;
     library->n_writes = UINT32_MAX;
-    sb_init(&library->board, node_id, serial, flash_bytes);
+    sb_init(&library->board, node_id, serial, n);
+    return &library->board;
 }
 
-struct sb_frame *library_out(struct library *library)
+uint32_t library_state(const struct sb_board *b)
 {
-    return library->out;
-}
-
-int16_t *library_readings(struct library *library)
-{
-    return library->readings;
-}
-
-unsigned library_n_out(struct library *library)
-{
-    const unsigned n = library->n_out;
-    library->n_out = 0;
-    return n;
-}
-
-void library_sample(struct library *library, uint8_t status, uint16_t age_100us)
-{
-    library->status = status;
-    library->age_100us = age_100us;
-}
-
-void library_supply(struct library *library, uint32_t n_writes)
-{
-    library->n_writes = n_writes;
-}
-
-uint32_t library_value(const struct library *library, uint16_t index, uint8_t sub)
-{
-    return sb_get(&library->board, index, sub);
-}
-
-uint32_t library_state(const struct library *library)
-{
-    return library->board.state | (uint32_t)library->board.node_id << 8 | (library->board.dropped & 0xFFFF) << 16;
+    return b->state | (uint32_t)b->node_id << 8 | (b->dropped & 0xFFFF) << 16;
 }
 
 /* Put the identifiers that the board listens to, those of remote frames with bit 15; return how many. */
-unsigned library_ids(const struct library *library, uint16_t ids[])
+unsigned library_ids(struct sb_board *b, uint16_t ids[])
 {
-    const struct sb_board *b = &library->board;
     const uint16_t guarding = (uint16_t)(0x700u + b->node_id);
     unsigned n = 0, n_heard = 0;
     ids[n++] = 0;
     ids[n++] = (uint16_t)(sb_get(b, 0x1005, 0) & 0x7FF);
     ids[n++] = (uint16_t)(sb_sdo_id(b, 1) & 0x7FF);
     ids[n++] = 0x7E5;
-    for (unsigned i = 0; i < SB_RPDO_ROOM; i++)
-        ids[n++] = b->rpdos[i].id;
+    for (unsigned i = 0; i < SB_N_PDOS; i++)
+        ids[n++] = b->pdos[i].id;
     for (unsigned i = 0; i < SB_CONSUMED_ROOM; i++)
-        ids[n++] = (uint16_t)(0x700u + b->watched[i].node_id);
+        ids[n++] = (uint16_t)(0x700u + (b->watched[i].value >> 16 & 0x7F));
     for (unsigned i = 0; i < n; i++)
         if (sb_hears(b, ids[i], false))
             ids[n_heard++] = ids[i];
@@ -133,7 +100,7 @@ unsigned library_ids(const struct library *library, uint16_t ids[])
     return n_heard;
 }
 
-void library_on_write(struct library *library, uint32_t (*hook)(struct sb_board *, uint16_t, uint8_t, const uint8_t *))
+void library_on_write(struct sb_board *b, uint32_t (*hook)(struct sb_board *, uint16_t, uint8_t, const uint8_t *))
 {
-    library->board.on_write = hook;
+    b->on_write = hook;
 }

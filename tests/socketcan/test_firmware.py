@@ -1,0 +1,27 @@
+"""A board on a real interface: its C, made from an EDS and compiled for Linux, keeps every rule."""
+
+import subprocess
+
+from click.testing import CliRunner
+
+from skinbus.cli.commands.board import command
+from tests.cli.patience import PATIENCE_S, until_in_time
+
+NODE = "5"
+
+
+def test_board_made_from_an_eds_passes_the_check(start, channel, tmp_path):
+    CliRunner().invoke(command, ["firmware", "skin-patch", "--out", str(tmp_path)])
+    subprocess.run(["make", "-s", "-C", tmp_path, "socketcan"], check=True)
+    board = tmp_path / "board-socketcan"
+
+    def check():
+        with subprocess.Popen([board, channel, NODE, "1", tmp_path / "parameters.bin"]) as running:
+            process = start("board", "check", "-c", channel, "--node", NODE, "--store", "--syncs", "50")
+            said, _ = process.communicate(timeout=PATIENCE_S)
+            running.kill()
+        return process.returncode, said
+
+    status, said = until_in_time(check, lambda result: result[0] == 0)
+    assert status == 0, said
+    assert "all rules that were checked hold" in said
