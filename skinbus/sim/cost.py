@@ -6,13 +6,12 @@ turns, so that what else the machine does falls on all alike; the median of a va
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from skinbus.config.system import ods_of
-from skinbus.sim.effect import Effect
 from skinbus.sim.player import Player
 from skinbus.sim.scene import Scene
 from skinbus.sim.world import World
@@ -35,11 +34,13 @@ def measure(scene: Scene, stopwatch: Callable[[], int], *, n_cycles: int | None 
         n_cycles: cycles from the start of the scene; the whole scene if not given.
     """
     n_cycles = n_cycles or max(1, round(scene.duration_s * scene.arm.bus.rate_hz))
-    scenes = {"boards and frames": _variant(scene, (), touches=False)}
+    scenes = {"boards and frames": replace(scene, effects=(), touches=())}
     if scene.touches:
-        scenes["touches"] = _variant(scene, scene.effects, touches=False)
+        scenes["touches"] = replace(scene, touches=())
     for effect in scene.effects:
-        scenes[effect.name] = _variant(scene, [other for other in scene.effects if other is not effect])
+        scenes[effect.name] = replace(
+            scene, effects=[other for other in scene.effects if other is not effect]
+        )
     ods = ods_of(scene.arm)
     players = [Player(World(variant, ods)) for variant in (scene, *scenes.values())]
     times = np.empty((len(players), n_cycles))
@@ -52,17 +53,3 @@ def measure(scene: Scene, stopwatch: Callable[[], int], *, n_cycles: int | None 
     parts = {name: whole - us for name, us in zip(scenes, others, strict=True)}
     parts["boards and frames"] = others[0]
     return Cost(whole_us=whole, parts=parts)
-
-
-def _variant(scene: Scene, effects: Sequence[Effect], *, touches: bool = True) -> Scene:
-    """Return the same scene with other effects, with or without its touches."""
-    return Scene(
-        scene.name,
-        scene.arm,
-        duration_s=scene.duration_s,
-        seed=scene.seed,
-        layer=scene.layer,
-        touches=scene.touches if touches else (),
-        effects=effects,
-        motion=scene.motion,
-    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -20,37 +21,30 @@ if TYPE_CHECKING:
     from skinbus.sim.joint_motion import JointMotion
 
 
+@dataclass(eq=False)
 class Scene:
-    """What happens to an arm, from scene time 0 to ``duration_s``; fixed once made.
+    """What happens to an arm, from scene time 0 to ``duration_s``; fixed once made."""
 
-    ``effects`` are kept in the order of physics, whatever the order in which they are given.
-    """
+    name: str
+    arm: Arm
+    _: KW_ONLY
+    duration_s: float
+    layer: LayerSettings
+    seed: int = 0
+    title: str = ""
+    touches: Sequence[Touch] = ()
+    effects: Sequence[Effect] = ()
+    """In the order of physics, whatever the order in which they are given."""
+    motion: JointMotion | None = None
+    """How the joints of the robot move; None where nothing asks for it."""
 
-    def __init__(
-        self,
-        name: str,
-        arm: Arm,
-        *,
-        duration_s: float,
-        seed: int = 0,
-        title: str = "",
-        layer: LayerSettings,
-        touches: Sequence[Touch] = (),
-        effects: Sequence[Effect] = (),
-        motion: JointMotion | None = None,
-    ) -> None:
-        self.name = name
-        self.arm = arm
-        self.duration_s = duration_s
-        self.seed = seed
-        self.title = title
-        self.layer = layer
-        self.touches = tuple(touches)
-        self.effects = tuple(sorted(effects, key=lambda effect: ORDER.index(effect.name)))
-        self.motion = motion
-        """How the joints of the robot move; None where nothing asks for it."""
-        self.plan = TouchPlan(arm, self.touches)
+    def __post_init__(self) -> None:
+        self.effects = sorted(self.effects, key=lambda effect: ORDER.index(effect.name))
+
+    @cached_property
+    def plan(self) -> TouchPlan:
         """The touches compiled."""
+        return TouchPlan(self.arm, self.touches)
 
     def touches_at(self, t_s: float) -> Touches:
         """Return the touches that press at a scene time (s): the truth."""
