@@ -80,6 +80,10 @@ class FaultList(list[Fault]):
         else:
             self.n_more += 1
 
+    def add(self, key: str, seen: Any, wanted: str) -> None:
+        """Add the fault of a key, or count it."""
+        self.append(Fault(key, seen, wanted))
+
     def extend(self, faults: Iterable[Fault]) -> None:
         """Add faults, or count them."""
         for fault in faults:

@@ -21,7 +21,7 @@ from typing import Any, Self, TextIO
 from skinbus.can.clock import Clock, VirtualClock
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, MAX_DATA, RTR, Frame
-from skinbus.errors import ConfigError, Fault, MissingFileError
+from skinbus.errors import ConfigError, Fault, FaultList, MissingFileError
 
 DEFAULT_CHANNEL = "can0"
 
@@ -123,7 +123,7 @@ class CandumpReader:
         self.is_cut = False
         """Whether the last line was left out."""
         self._file = file
-        self._faults: list[Fault] = []
+        self._faults = FaultList()
 
     def __iter__(self) -> Iterator[tuple[Frame, str]]:
         """Read to the end.
@@ -174,7 +174,7 @@ class CandumpReader:
         """Count a line that is no frame."""
         self.n_strange += 1
         if len(self._faults) < MAX_FAULTS:
-            self._faults.append(Fault(f"line {number}", line.strip()[:80], wanted))
+            self._faults.add(f"line {number}", line.strip()[:80], wanted)
             self.first_strange = self._faults[0]
 
 

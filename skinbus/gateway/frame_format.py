@@ -21,7 +21,7 @@ from skinbus.arrays import Ints, Ints32
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.config.parameters import read
 from skinbus.config.toml_file import find_toml, names_in, read_toml
-from skinbus.errors import ArgumentError, ConfigError, Fault, FaultList
+from skinbus.errors import ArgumentError, ConfigError, FaultList
 from skinbus.model.patch import MAX_TACTELS
 
 FORMATS = Path(__file__).parent / "formats"
@@ -239,9 +239,9 @@ def load_format(name_or_path: str | Path) -> FrameFormat:
     return found
 
 
-def _faults(found: FrameFormat) -> list[Fault]:
+def _faults(found: FrameFormat) -> FaultList:
     """Return what fits no pattern or no frame."""
-    faults = []
+    faults = FaultList()
     address = set(found.address)
     tables: dict[str, Sequence[FrameTable | CommandTable]] = {
         "frame": found.frame,
@@ -254,18 +254,18 @@ def _faults(found: FrameFormat) -> list[Fault]:
         known = address | set(found.offset) if key == "frame" else address
         if used - known:
             wanted = f"letters of {', '.join(sorted(known)) or 'none'}"
-            faults.append(Fault(f"{key} {i}", ", ".join(sorted(used - known)), wanted))
+            faults.add(f"{key} {i}", ", ".join(sorted(used - known)), wanted)
         if isinstance(table, FrameTable):
             if missing := ", ".join(sorted(address - used)):
-                faults.append(Fault(f"frame {i}", None, f"the letters {missing} of the address"))
+                faults.add(f"frame {i}", None, f"the letters {missing} of the address")
             if (length := found.length(table)) > CLASSIC_BYTES:
-                faults.append(Fault(f"frame {i}", length, f"readings within {CLASSIC_BYTES} bytes"))
+                faults.add(f"frame {i}", length, f"readings within {CLASSIC_BYTES} bytes")
     if not faults:
         parts = found.parts(".".join("0" for _ in found.address))
         sent = sorted(tactel for part in parts for tactel in part.to if tactel >= 0)
         if sent != list(range(found.n_tactels)):
             wanted = f"frames that carry each of {found.n_tactels} tactels once"
-            faults.append(Fault("frame", None, wanted))
+            faults.add("frame", None, wanted)
     return faults
 
 

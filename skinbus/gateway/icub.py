@@ -94,14 +94,14 @@ def read_positions(path: Path) -> Positions:
         except ValueError:
             row = []
         if len(row) != 6 or not np.abs(row).max() < 10.0:
-            faults.append(Fault(f"line {number}", line.strip()[:60], "x y z nx ny nz, m"))
+            faults.add(f"line {number}", line.strip()[:60], "x y z nx ny nz, m")
         rows.append(row)
     own = np.arange(len(rows))
     of = own if stands_for is None else np.array(stands_for[1].split(), int)
     if not rows or len(rows) % ROWS:
-        faults.append(Fault("rows", len(rows), f"{ROWS} for each triangle"))
+        faults.add("rows", len(rows), f"{ROWS} for each triangle")
     if len(of) != len(rows):
-        faults.append(Fault("taxel2Repr", f"{len(of)} numbers", f"{len(rows)}, one for each row"))
+        faults.add("taxel2Repr", f"{len(of)} numbers", f"{len(rows)}, one for each row")
     if faults:
         raise ConfigError(str(path), faults)
     table = np.array(rows)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary, ODVariable
 
-from skinbus.errors import EdsError, Fault
+from skinbus.errors import EdsError, FaultList
 from skinbus.model import Cone, Law, Patch, Radial, ResidualMap, Transducer
 from skinbus.model.limits import MOST
 from skinbus.model.patch import MAX_TACTELS
@@ -166,10 +166,10 @@ class _Reader:
 
     def __init__(self, od: ObjectDictionary) -> None:
         self.od = od
-        self.faults: list[Fault] = []
+        self.faults = FaultList()
 
     def fault(self, name: str, seen: Any, wanted: str) -> None:
-        self.faults.append(Fault(name, seen, wanted))
+        self.faults.add(name, seen, wanted)
 
     def whole(self, name: str, low: int, high: int) -> int:
         value = self._value(name)
@@ -258,15 +258,15 @@ class _Reader:
         found = [index for index in cia.READINGS if index in self.od.indices]
         if not found:
             wanted = ", ".join(f"0x{index:04X}" for index in cia.READINGS)
-            self.faults.append(Fault("readings", None, f"an array of analogue inputs: {wanted}"))
+            self.faults.add("readings", None, f"an array of analogue inputs: {wanted}")
             return 16
         last = self.od.get_variable(found[0], n)
         if last is None:
-            self.faults.append(Fault(f"0x{found[0]:04X}", f"no sub-index {n}", f"{n} readings"))
+            self.faults.add(f"0x{found[0]:04X}", f"no sub-index {n}", f"{n} readings")
             return 16
         kind = TYPES[last.data_type or BOOLEAN]
         if not (kind.low < 0 and 8 <= kind.bits <= 32):
-            self.faults.append(Fault(f"0x{found[0]:04X}", kind.name, "readings of INTEGER8 to INTEGER32"))
+            self.faults.add(f"0x{found[0]:04X}", kind.name, "readings of INTEGER8 to INTEGER32")
             return 16
         return kind.bits
 

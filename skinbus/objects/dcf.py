@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
 
-from skinbus.errors import EdsError, Fault
+from skinbus.errors import EdsError
 from skinbus.file_bytes import read_bytes
 from skinbus.objects import cia
 from skinbus.objects.eds import find_eds
@@ -206,12 +206,12 @@ def dcf_text(
         variable = file.variable(index, sub)
         key = f"0x{index:04X}:{sub:02X}"
         if variable is None:
-            faults.append(Fault(key, number, "an object of the file"))
+            faults.add(key, number, "an object of the file")
             continue
         try:
             encode(number, variable.data_type)
         except (ValueError, OverflowError):
-            faults.append(Fault(key, number, f"a value of type {TYPES[variable.data_type].name}"))
+            faults.add(key, number, f"a value of type {TYPES[variable.data_type].name}")
             continue
         spelled = _spell(number, variable.data_type)
         if variable.generated:

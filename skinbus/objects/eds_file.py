@@ -131,7 +131,7 @@ class EdsFile:
 
     def fault(self, section: str, key: str, seen: object, wanted: str) -> None:
         """Keep one fault."""
-        self.faults.append(Fault(f"[{section}] {key}" if key else f"[{section}]", seen, wanted))
+        self.faults.add(f"[{section}] {key}" if key else f"[{section}]", seen, wanted)
 
     def fault_at(self, variable: Variable, seen: object, wanted: str) -> None:
         """Keep one fault of the current value of a variable."""
@@ -195,7 +195,7 @@ def _read_sections(file: EdsFile, text: str) -> None:
     section: Section | None = None
     for number, line in enumerate(text.splitlines(), 1):
         if len(file.sections) > MAX_SECTIONS or file.faults.n_more > MAX_SECTIONS:
-            file.faults.append(Fault(f"line {number}", None, f"at most {MAX_SECTIONS} sections, or faults"))
+            file.faults.add(f"line {number}", None, f"at most {MAX_SECTIONS} sections, or faults")
             return
         line = line.strip()
         if not line or line.startswith((";", "#")):
@@ -212,7 +212,7 @@ def _read_sections(file: EdsFile, text: str) -> None:
         key, equals, value = line.partition("=")
         key = key.strip()
         if not equals or not key or section is None:
-            file.faults.append(Fault(f"line {number}", None, "[section] or key=value"))
+            file.faults.add(f"line {number}", None, "[section] or key=value")
         elif key.lower() in section.keys:
             file.fault(section.name, key, value.strip(), "each key once in a section")
         else:

@@ -19,7 +19,7 @@ import numpy as np
 
 from skinbus.arrays import Floats
 from skinbus.can.fd import CLASSIC_BYTES, MAX_BYTES
-from skinbus.errors import EdsError, Fault
+from skinbus.errors import EdsError
 from skinbus.model.patch import MAX_TACTELS
 from skinbus.objects import cia
 from skinbus.objects.dcf import dcf_text
@@ -196,7 +196,7 @@ def module_dcf(text: str, board: NewBoard, *, name: str = "EDS") -> str:
     sent = sorted(entry.sub for pdo in carriers for entry in readings_in(pdo))
     if sent != list(range(1, board.n_tactels + 1)):
         wanted = f"readings 1 to {board.n_tactels}, one for each tactel"
-        file.faults.append(Fault("TPDOs", f"readings {sent}", wanted))
+        file.faults.add("TPDOs", f"readings {sent}", wanted)
     if file.faults:
         raise EdsError(name, file.faults)
     values = {(cia.HEARTBEAT_PRODUCER, 0): HEARTBEAT_MS}

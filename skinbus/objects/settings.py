@@ -16,7 +16,6 @@ import re
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 
-from skinbus.errors import Fault
 from skinbus.objects import cia
 from skinbus.objects.eds_file import EdsFile, Entry, Variable
 from skinbus.objects.eds_values import TYPES, Value, encode, parse_value
@@ -81,7 +80,7 @@ def apply_identity(file: EdsFile, serial: int) -> None:
         variable.value = Value(number)
     elif serial:
         wanted = f"no serial number: no [{cia.IDENTITY:04X}sub4] in the file"
-        file.faults.append(Fault("serial", serial, wanted))
+        file.faults.add("serial", serial, wanted)
 
 
 def _at(file: EdsFile, match: re.Match[str]) -> list[list[Variable]]:
@@ -125,4 +124,4 @@ def _number(value: bool | int | float, target: Variable) -> Value | str:
 
 
 def _fault(file: EdsFile, name: str, seen: object, wanted: str) -> None:
-    file.faults.append(Fault(f'set."{name}"', seen, wanted))
+    file.faults.add(f'set."{name}"', seen, wanted)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skinbus.arrays import Bools, Floats, Ints
-from skinbus.errors import ArgumentError, ConfigError, Fault
+from skinbus.errors import ArgumentError, ConfigError, FaultList
 from skinbus.model import Arm
 from skinbus.model.robot import RobotSettings
 from skinbus.robot.urdf import Joint, read_urdf
@@ -97,7 +97,7 @@ def load_chain(settings: RobotSettings) -> Chain:
         SkinbusError: lxml is not installed.
     """
     root, joints = read_urdf(settings.urdf)
-    faults: list[Fault] = []
+    faults = FaultList()
     carriers = {joint.child: joint for joint in joints}
 
     def path(link: str) -> list[Joint]:
@@ -113,33 +113,33 @@ def load_chain(settings: RobotSettings) -> Chain:
     known = [root, *carriers]
     for key, name in [("robot.base", settings.base), ("robot.tool", settings.tool), *keyed]:
         if name is not None and name not in known:
-            faults.append(Fault(key, name, f"a link of the URDF: {', '.join(known)}"))
+            faults.add(key, name, f"a link of the URDF: {', '.join(known)}")
     wanted = [name for name in (*(frame.name for frame in settings.links), tool) if name]
     used = {joint.name for name in wanted for joint in path(name)}
     moving = [joint.name for joint in path(base) if joint.kind != "fixed"]
     if moving:
-        faults.append(Fault("robot.base", base, f"a link that no joint moves; {moving[-1]} moves this"))
+        faults.add("robot.base", base, f"a link that no joint moves; {moving[-1]} moves this")
     moved = [joint for joint in joints if joint.name in used and joint.kind != "fixed"]
     for joint in moved:
         key = f"URDF <joint {joint.name}>"
         if joint.mimics is not None:
             wish = f"an independent joint: it mimics {joint.mimics}, which is not supported"
-            faults.append(Fault(key, None, wish))
+            faults.add(key, None, wish)
         if joint.kind in ("floating", "planar"):
-            faults.append(Fault(key, joint.kind, "revolute, continuous, prismatic or fixed"))
+            faults.add(key, joint.kind, "revolute, continuous, prismatic or fixed")
     if len(moved) > MAX_JOINTS:
         wish = f"at most {MAX_JOINTS} from the base to skin and tool"
-        faults.append(Fault("robot.urdf", f"{len(moved)} joints", wish))
+        faults.add("robot.urdf", f"{len(moved)} joints", wish)
     kinds = {joint.name: joint.kind for joint in moved}
     every = {joint.name for joint in joints}
     for said in settings.joints:
         kind = kinds.get(said.name)
         if kind is None:
             why = "that moves skin or tool" if said.name in every else "of the URDF"
-            faults.append(Fault(f"{said.key}.name", said.name, f"a joint {why}: {', '.join(kinds)}"))
+            faults.add(f"{said.key}.name", said.name, f"a joint {why}: {', '.join(kinds)}")
         elif said.is_linear is not None and said.is_linear != (kind == "prismatic"):
             keys = "keys in mm" if kind == "prismatic" else "keys in degrees"
-            faults.append(Fault(said.key, said.name, f"{keys}: it is {kind}"))
+            faults.add(said.key, said.name, f"{keys}: it is {kind}")
     if faults:
         raise ConfigError(settings.file, faults)
     chain = _compile(carriers, moved, base, wanted, settings)
@@ -149,13 +149,13 @@ def load_chain(settings: RobotSettings) -> Chain:
         if chain.are_beyond(np.full(chain.n_joints, position))[j]:
             key, scale = ("fixed_mm", 1e-3) if chain.linear[j] else ("fixed_deg", math.radians(1.0))
             wish = f"{chain.lower[j] / scale:.6g} to {chain.upper[j] / scale:.6g}, as in the URDF"
-            faults.append(Fault(f"{said.key}.{key}", round(position / scale, 6), wish))
+            faults.add(f"{said.key}.{key}", round(position / scale, 6), wish)
     if faults:
         raise ConfigError(settings.file, faults)
     return chain
 
 
-def _only_end(root: str, joints: list[Joint], faults: list[Fault]) -> str | None:
+def _only_end(root: str, joints: list[Joint], faults: FaultList) -> str | None:
     """Return the link at the end of the one branch that moves; a fault where there are several."""
     depth = {root: 0}
     for joint in joints:
@@ -164,7 +164,7 @@ def _only_end(root: str, joints: list[Joint], faults: list[Fault]) -> str | None
     ends = [link for link in depth if link in leaves and depth[link] == max(depth.values())]
     if len(ends) == 1:
         return ends[0]
-    faults.append(Fault("robot.tool", None, f"the link that is the tool frame, of {', '.join(ends)}"))
+    faults.add("robot.tool", None, f"the link that is the tool frame, of {', '.join(ends)}")
     return None
 
 

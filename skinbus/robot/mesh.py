@@ -97,7 +97,7 @@ def mend(points: npt.ArrayLike, triangles: npt.ArrayLike, file: str = "mesh") ->
 
     size = float(np.ptp(p[t.ravel()], axis=0).max())
     if not SIZES[0] <= size <= SIZES[1]:
-        faults.append(Fault("size", f"{size:g} m", f"{SIZES[0]:g} to {SIZES[1]:g} m: say its unit"))
+        faults.add("size", f"{size:g} m", f"{SIZES[0]:g} to {SIZES[1]:g} m: say its unit")
     shape = _trimesh().Trimesh(p, t, process=False)
     shape.merge_vertices()
     shape.update_faces(shape.nondegenerate_faces())
@@ -108,12 +108,12 @@ def mend(points: npt.ArrayLike, triangles: npt.ArrayLike, file: str = "mesh") ->
     meeting = np.bincount(shape.edges_unique_inverse)
     for a, b in shape.edges_unique[meeting > 2]:
         where = (500.0 * (p[a] + p[b])).round(1).tolist()
-        faults.append(Fault(f"edge at {where} mm", "3 or more triangles", "at most two at an edge"))
+        faults.add(f"edge at {where} mm", "3 or more triangles", "at most two at an edge")
     if shape.body_count > 1:
-        faults.append(Fault("parts", shape.body_count, "one connected surface"))
+        faults.add("parts", shape.body_count, "one connected surface")
     elif not (meeting > 2).any() and not shape.is_winding_consistent:
         wanted = "triangles that are wound alike around an inside: mend it, in MeshLab for instance"
-        faults.append(Fault("surface", "flipped triangles, or one side only", wanted))
+        faults.add("surface", "flipped triangles, or one side only", wanted)
     if faults:
         raise ConfigError(file, faults)
     rims = rims_of(t)

@@ -222,24 +222,24 @@ def _compute(mesh: Mesh, boards: Sequence[Laid], name: str) -> Arrays:
     }
 
 
-def _places(geodesics: Geodesics, board: Laid, faults: list[Fault]) -> Floats:
+def _places(geodesics: Geodesics, board: Laid, faults: FaultList) -> Floats:
     """Return where the tactels of a board are on a mesh, (n, 3) m; add faults."""
     triangle, weights = nearest_places(geodesics.mesh, board.point[None])
     off = float(np.linalg.norm(geodesics.mesh.at(triangle, weights) - board.point))
     if off > OFF:
         seen = (1e3 * board.point).round(1).tolist()
-        faults.append(Fault(f"{board.key}.xyz_mm", seen, f"on the mesh; it is {1e3 * off:.1f} mm away"))
+        faults.add(f"{board.key}.xyz_mm", seen, f"on the mesh; it is {1e3 * off:.1f} mm away")
         return board.uv
     try:
         axes = geodesics.axes(triangle[0], board.along)
     except ValueError as error:
-        faults.append(Fault(f"{board.key}.along", board.along.tolist(), str(error)))
+        faults.add(f"{board.key}.along", board.along.tolist(), str(error))
         return board.uv
     points = geodesics.shoot(triangle[0], weights[0], board.uv @ axes, np.ones(1))[:, 0]
     missing = int(np.isnan(points).any(axis=1).sum())
     if missing:
         what = f"{missing} of its tactels beyond the rim of the mesh"
-        faults.append(Fault(f"{board.key}.xyz_mm", what, "a place where all are on it"))
+        faults.add(f"{board.key}.xyz_mm", what, "a place where all are on it")
     return points
 
 

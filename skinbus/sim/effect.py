@@ -31,7 +31,7 @@ from pydantic import ConfigDict
 from skinbus.arrays import Floats, Ints32
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
-from skinbus.errors import Fault
+from skinbus.errors import Fault, FaultList
 from skinbus.model import Arm
 
 T = TypeVar("T")
@@ -173,21 +173,21 @@ def node_of(frame: Frame) -> int:
     return frame.can_id & 0x7F
 
 
-def unknown_nodes(arm: Arm, key: str, node_ids: Sequence[int]) -> list[Fault]:
+def unknown_nodes(arm: Arm, key: str, node_ids: Sequence[int]) -> FaultList:
     """Return a fault for each node-ID that the arm does not have."""
     known = set(arm.node_id.tolist())
     wanted = f"node-IDs of arm {arm.name}: {min(known)} to {max(known)}"
-    return [Fault(key, node_id, wanted) for node_id in node_ids if node_id not in known]
+    return FaultList(Fault(key, node_id, wanted) for node_id in node_ids if node_id not in known)
 
 
-def unknown_tactels(arm: Arm, key: str, tactels: Sequence[tuple[int, int]]) -> list[Fault]:
+def unknown_tactels(arm: Arm, key: str, tactels: Sequence[tuple[int, int]]) -> FaultList:
     """Return a fault for each [node-ID, tactel] that the arm does not have; tactels count from 1."""
     faults = unknown_nodes(arm, key, [node_id for node_id, _ in tactels])
     for node_id, number in tactels:
         patches = arm.patches_named(node_id)
         n = max((arm.patches[p].patch.n_tactels for p in patches), default=0)
         if patches and not 1 <= number <= n:
-            faults.append(Fault(key, [node_id, number], f"a tactel of 1 to {n}"))
+            faults.add(key, [node_id, number], f"a tactel of 1 to {n}")
     return faults
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skinbus.arrays import Floats
-from skinbus.errors import Fault
+from skinbus.errors import Fault, FaultList
 from skinbus.model import Arm
 from skinbus.robot.chain import load_chain
 from skinbus.sim.effect import parameter, settings
@@ -40,7 +40,7 @@ class JointMotion(NamedTuple):
 
 
 def motion_of(
-    tables: Sequence[tuple[str, JointPathTable]], arm: Arm, faults: list[Fault]
+    tables: Sequence[tuple[str, JointPathTable]], arm: Arm, faults: FaultList
 ) -> JointMotion | None:
     """Return how the joints of an arm move, or None after adding faults.
 
@@ -62,16 +62,16 @@ def motion_of(
         elif table.name not in chain.names:
             wanted = f"a joint of the robot: {', '.join(chain.names)}"
         if wanted:
-            faults.append(Fault(f"{key}.name", table.name, wanted))
+            faults.add(f"{key}.name", table.name, wanted)
             continue
         j = chain.names.index(table.name)
         scale = 1e-3 if chain.linear[j] else np.pi / 180.0
         path = paths[table.name] = np.array(table.path) * (1.0, scale)
         if (np.diff(path[:, 0]) <= 0.0).any():
-            faults.append(Fault(f"{key}.path", [k[0] for k in table.path], "times that grow"))
+            faults.add(f"{key}.path", [k[0] for k in table.path], "times that grow")
         beyond = [chain.are_beyond(np.full(chain.n_joints, position))[j] for position in path[:, 1]]
         if any(beyond):
             wanted = f"within the URDF's limits, {chain.lower[j] / scale:g} to {chain.upper[j] / scale:g}"
-            faults.append(Fault(f"{key}.path", table.path[beyond.index(True)][1], wanted))
+            faults.add(f"{key}.path", table.path[beyond.index(True)][1], wanted)
     every = [paths.get(name, np.array([[0.0, fixed.get(name, 0.0)]])) for name in chain.names]
     return JointMotion(chain.names, tuple(name for name in chain.names if name not in fixed), every)

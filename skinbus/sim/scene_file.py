@@ -93,7 +93,7 @@ def scene_of(
     duration_s = head.duration_s if head else None
     touches = [touch_of(table, key, arm, duration_s, faults) for key, table in tables]
     effects = _effects(document.get("effect", {}), arm, faults)
-    faults += _law_faults(layer, [table for _, table in tables], document.get("effect", {}))
+    _check_law(layer, [table for _, table in tables], document.get("effect", {}), faults)
     if faults or head is None or arm is None or layer is None:
         raise ConfigError(file, faults)
     return Scene(
@@ -109,7 +109,7 @@ def scene_of(
     )
 
 
-def _arm(document: dict[str, Any], folder: Path | None, faults: list[Fault]) -> Arm | None:
+def _arm(document: dict[str, Any], folder: Path | None, faults: FaultList) -> Arm | None:
     table = document.get("scene")
     name = table.get("arm") if isinstance(table, dict) else None
     if not isinstance(name, str):
@@ -122,45 +122,47 @@ def _arm(document: dict[str, Any], folder: Path | None, faults: list[Fault]) -> 
         return None
 
 
-def _layer(table: Any, faults: list[Fault]) -> LayerSettings | None:
+def _layer(table: Any, faults: FaultList) -> LayerSettings | None:
     if not isinstance(table, dict):
-        faults.append(Fault("layer", table, "a table"))
+        faults.add("layer", table, "a table")
         return None
     settings = dict(table)
     law = settings.pop("law", Elastic.law)
     if law not in LAWS:
-        faults.append(Fault("layer.law", law, f"one of {', '.join(LAWS)}"))
+        faults.add("layer.law", law, f"one of {', '.join(LAWS)}")
         return None
     return read(LAWS[law], settings, "layer", faults)
 
 
-def _law_faults(layer: LayerSettings | None, touches: list[TouchTable], effects: Any) -> list[Fault]:
-    """Return what a scene asks of a law that does not have it, and inclined touches without shear."""
+def _check_law(
+    layer: LayerSettings | None, touches: list[TouchTable], effects: Any, faults: FaultList
+) -> None:
+    """Add what a scene asks of a law that does not have it, and inclined touches without shear."""
     names = {*effects} if isinstance(effects, dict) else {"shear"}
-    faults = []
     if isinstance(layer, ConeSettings):
         wanted = f"layer law {Elastic.law!r}: the {layer.law} is the law of a push in one place"
-        shapes = sorted({touch.shape for touch in touches} & {"edge", "palm", "sphere"})
-        faults += [Fault("touch.shape", shape, wanted) for shape in shapes]
-        faults += [Fault(f"effect.{name}", None, wanted) for name in sorted(names & {"shear", "response"})]
+        for shape in sorted({touch.shape for touch in touches} & {"edge", "palm", "sphere"}):
+            faults.add("touch.shape", shape, wanted)
+        for name in sorted(names & {"shear", "response"}):
+            faults.add(f"effect.{name}", None, wanted)
     if "shear" not in names and any(touch.inclination for touch in touches):
-        faults.append(Fault("touch.inclination", None, "the effect shear, which lets it act"))
-    extended = [t for t in touches if t.inclination and not Shape[t.shape.upper()].is_round]
-    faults += [Fault("touch.inclination", t.inclination, "0 of an edge or a palm") for t in extended]
-    return faults
+        faults.add("touch.inclination", None, "the effect shear, which lets it act")
+    for touch in touches:
+        if touch.inclination and not Shape[touch.shape.upper()].is_round:
+            faults.add("touch.inclination", touch.inclination, "0 of an edge or a palm")
 
 
-def _read_each(cls: type[T], key: str, tables: Any, faults: list[Fault]) -> list[tuple[str, T]]:
+def _read_each(cls: type[T], key: str, tables: Any, faults: FaultList) -> list[tuple[str, T]]:
     """Return the tables of an array that can be read, each with its key."""
     if not isinstance(tables, list):
-        faults.append(Fault(key, tables, f"an array of tables, [[{key}]]"))
+        faults.add(key, tables, f"an array of tables, [[{key}]]")
         return []
     keyed = [(f"{key} {i}", table) for i, table in enumerate(tables, 1)]
     parsed = [(key, read(cls, table, key, faults)) for key, table in keyed]
     return [(key, table) for key, table in parsed if table is not None]
 
 
-def _motion(tables: Any, arm: Arm | None, faults: list[Fault]) -> JointMotion | None:
+def _motion(tables: Any, arm: Arm | None, faults: FaultList) -> JointMotion | None:
     """Return how joints move; nothing of robots is loaded for a scene without such tables."""
     if tables == [] or arm is None:
         return None
@@ -170,15 +172,15 @@ def _motion(tables: Any, arm: Arm | None, faults: list[Fault]) -> JointMotion | 
     return motion_of(parsed, arm, faults) if parsed else None
 
 
-def _effects(tables: Any, arm: Arm | None, faults: list[Fault]) -> list[Effect]:
+def _effects(tables: Any, arm: Arm | None, faults: FaultList) -> list[Effect]:
     if not isinstance(tables, dict):
-        faults.append(Fault("effect", tables, "a table of tables, [effect.NAME]"))
+        faults.add("effect", tables, "a table of tables, [effect.NAME]")
         return []
     effects: list[Effect] = []
     for name, table in tables.items():
         if name not in ORDER:
             hint = nearest(name, list(ORDER))
-            faults.append(Fault(f"effect.{name}", None, f"an effect; known are {', '.join(ORDER)}{hint}"))
+            faults.add(f"effect.{name}", None, f"an effect; known are {', '.join(ORDER)}{hint}")
             continue
         effect = read(effect_class(name), table, f"effect.{name}", faults)
         if effect is not None:

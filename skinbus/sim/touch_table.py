@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field
 
 from skinbus.arrays import Floats
-from skinbus.errors import Fault
+from skinbus.errors import FaultList
 from skinbus.model import Arm, Surface
 from skinbus.model.mesh_surface import MeshSurface
 from skinbus.sim.effect import parameter, settings
@@ -76,13 +76,13 @@ def touch_of(
     key: str,
     arm: Arm | None,
     duration_s: float | None,
-    faults: list[Fault],
+    faults: FaultList,
 ) -> Touch | None:
     """Return the touch that a table means, or None after adding its faults."""
     before = len(faults)
 
     def fault(name: str, seen: object, wanted: str) -> None:
-        faults.append(Fault(f"{key}.{name}", seen, wanted))
+        faults.add(f"{key}.{name}", seen, wanted)
 
     force = _force(table, duration_s, fault)
     for size in ("diameter_mm", "length_mm", "width_mm"):

@@ -106,7 +106,7 @@ class PatchSilent(TrafficEffect):
         """Return faults for node-IDs that the arm does not have, and for a return before the loss."""
         faults = unknown_nodes(arm, "nodes", self.nodes)
         if self.to_s is not None and self.to_s <= self.from_s:
-            faults.append(Fault("to_s", self.to_s, f"later than from_s, {self.from_s:g}"))
+            faults.add("to_s", self.to_s, f"later than from_s, {self.from_s:g}")
         return faults
 
 
