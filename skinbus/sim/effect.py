@@ -11,7 +11,7 @@ An effect holds no state: ``bind`` returns a step that does. Steps of one stage 
     CLOCK     step(ppm) -> ppm                       once: (n_patches,) by how much each board's clock is fast
     FRAMES    a FrameStep                            what the nodes receive and send
 
-Physics fixes the order: stages as above, and within a stage the order of ``effects.ORDER``. The order in a
+Physics fixes the order: stages as above, and within a stage the order of ``EFFECTS``. The order in a
 scene file says nothing. Zero strength is the identity, bit for bit.
 """
 
@@ -56,6 +56,30 @@ class Stage(IntEnum):
     FRAMES = 6
 
 
+EFFECTS = {
+    Stage.TIME: ("sync_jitter",),
+    Stage.GEOMETRY: ("misplaced", "response", "shear"),
+    # what arrives at the base of the layer
+    Stage.LAYER: ("bend", "viscoelastic", "hysteresis"),
+    # the film, the matrix, the amplifier
+    Stage.TACTEL: (
+        *("gain_spread", "piezoresistive", "thermal", "drift", "dead", "crosstalk"),
+        *("offset", "flicker", "noise", "burst", "saturation"),
+    ),
+    # the converter and what its firmware makes of it
+    Stage.COUNTS: ("adc", "stuck"),
+    Stage.CLOCK: ("clock_drift",),
+    # the boards' own faults, then those of the way
+    Stage.FRAMES: (
+        *("patch_reset", "patch_silent", "bus_off"),
+        *("response_jitter", "babbling_node", "corrupt", "delay", "loss"),
+    ),
+}
+"""The effects that a scene may name, in the order in which physics applies them."""
+STAGE_OF = {name: stage for stage, names in EFFECTS.items() for name in names}
+ORDER = tuple(STAGE_OF)
+
+
 @dataclass_transform(kw_only_default=True, frozen_default=True)
 def settings(cls: type[T]) -> type[T]:
     """Make a class the parameters of a table of a scene file, see :func:`parameter`."""
@@ -80,6 +104,7 @@ class Effect:
 
     def __init_subclass__(cls) -> None:
         cls.name = re.sub("(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+        cls.stage = STAGE_OF.get(cls.name, Stage.FRAMES)
 
     def bind(self, arm: Arm, rng: Rng) -> Any:
         """Return the step of this effect on an arm; it draws from ``rng`` and from nothing else."""
@@ -140,7 +165,6 @@ class TrafficEffect(Effect):
     """An effect on the traffic: its class says what takes its steps."""
 
     __slots__ = ()
-    stage = Stage.FRAMES
     step: ClassVar[type[FrameStep]]
 
     def bind(self, arm: Arm, rng: Rng) -> FrameStep:

@@ -11,8 +11,7 @@ import numpy as np
 
 from skinbus.arrays import Floats
 from skinbus.model import Arm
-from skinbus.sim.effect import Effect
-from skinbus.sim.effects import ORDER
+from skinbus.sim.effect import ORDER, Effect
 from skinbus.sim.laws import LayerSettings
 from skinbus.sim.layer import Geometry, Law
 from skinbus.sim.touch import Touch, Touches, TouchPlan

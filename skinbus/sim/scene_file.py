@@ -14,8 +14,8 @@ from skinbus.config.wording import nearest
 from skinbus.errors import ConfigError, Fault, FaultList
 from skinbus.model import Arm
 from skinbus.sim.default_scene import default_scene
-from skinbus.sim.effect import Effect, parameter, settings
-from skinbus.sim.effects import ORDER, effect_class
+from skinbus.sim.effect import ORDER, Effect, parameter, settings
+from skinbus.sim.effects import effect_class
 from skinbus.sim.indenter import Shape
 from skinbus.sim.laws import LAWS, ConeSettings, Elastic, LayerSettings
 from skinbus.sim.scene import Scene

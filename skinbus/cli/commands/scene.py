@@ -14,7 +14,8 @@ from skinbus.cli.output import echo
 from skinbus.robot.chain import check_robot
 from skinbus.sim import load_scene, scene_names
 from skinbus.sim.cost import measure
-from skinbus.sim.effects import ORDER, effect_class
+from skinbus.sim.effect import ORDER
+from skinbus.sim.effects import effect_class
 from skinbus.sim.laws import LAWS
 
 

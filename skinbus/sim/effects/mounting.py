@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from skinbus.model import Arm
-from skinbus.sim.effect import Effect, Rng, Stage, parameter, settings
+from skinbus.sim.effect import Effect, Rng, parameter, settings
 from skinbus.sim.layer import Geometry, ResponseColumns
 
 Mount = Callable[[Geometry], None]
@@ -23,7 +23,6 @@ N_WAVES = 24
 class SyncJitter(Effect):
     """The SYNC producer's timer is not exact: all patches sample at one wrong instant."""
 
-    stage = Stage.TIME
     # a thread that waits for a timer on a desktop Linux wakes some 50 us to 1 ms late; cyclictest calls 100
     # us good
     sigma_us: float = parameter(200.0, "us", "standard deviation of the sampling instant", ge=0)
@@ -37,7 +36,6 @@ class SyncJitter(Effect):
 class Misplaced(Effect):
     """Each patch is shifted along both directions of the surface and turned about its centre."""
 
-    stage = Stage.GEOMETRY
     # poses of skin units found by touch or from accelerometers err by 1 to 2 mm (arXiv 2412.00672; notes of
     # Stepanova et al. on 50 to 100 poses)
     sigma_mm: float = parameter(1.0, "mm", "standard deviation of each shift", ge=0, le=50)
@@ -73,7 +71,6 @@ class Response(Effect):
     where the load is beside the tactel. ``offset_pa`` is what it reads of no load.
     """
 
-    stage = Stage.GEOMETRY
     # gains of that array differ by 6 to 11 %, widths by 3 to 5 %, ellipses have ratios up to 1.07, offsets
     # are 0.1 to 0.3 % of the peak of a firm press (100 kPa), and the residual is 0.9 % of the peak at 8 mm
     gain: float = parameter(0.10, "", "standard deviation of the gain about 1", ge=0, le=0.3)
@@ -122,7 +119,6 @@ class Shear(Effect):
     above slips and has ``friction`` times the normal force (Coulomb).
     """
 
-    stage = Stage.GEOMETRY
     # dry skin on smooth polymers 0.3 to 1 (M. J. Adams et al., J. R. Soc. Interface 10, 20120467, 2013)
     friction: float = parameter(0.6, "", "coefficient between indenter and cover", ge=0, le=10)
 

@@ -16,7 +16,6 @@ from skinbus.sim.effect import (
     Effect,
     PressureStep,
     Rng,
-    Stage,
     parameter,
     settings,
     unknown_tactels,
@@ -54,7 +53,6 @@ class Bend(Effect):
     from it around the link. What holds it down presses there, in proportion to the stand-off.
     """
 
-    stage = Stage.LAYER
     # assumed: a sleeve of 10 N over a board's edge, 1.7 mm off a forearm of 65 mm, gives some 1 kPa there
     kpa_per_mm: float = parameter(0.5, "kPa/mm", "pressure per stand-off from the link", ge=0)
 
@@ -86,7 +84,6 @@ class Viscoelastic(Effect):
     1976, 5.
     """
 
-    stage = Stage.LAYER
     # assumed: soft silicones (Ecoflex, Sylgard) do relax (doi 10.1089/soro.2015.0002), filled ones more than
     # others
     relaxation: float = parameter(0.1, "", "share of the modulus that relaxes", ge=0, lt=1)
@@ -117,7 +114,6 @@ class Hysteresis(Effect):
     Source: A. Visintin, Differential Models of Hysteresis, 1994, III (play).
     """
 
-    stage = Stage.LAYER
     # FlexiForce A201 datasheet: hysteresis < 4.5 % of full scale, conditioned, at 80 % of full force
     loop: float = parameter(0.045, "", "width of the loop, as a share of the pressure", ge=0, lt=1)
 
@@ -137,7 +133,6 @@ class Hysteresis(Effect):
 class GainSpread(Effect):
     """Tactels differ in sensitivity from what their calibration says, fixed for the run."""
 
-    stage = Stage.TACTEL
     # FlexiForce A201 datasheet: repeatability +-2.5 %, what calibration leaves at best
     sigma: float = parameter(0.025, "", "standard deviation of the factor about 1", ge=0, le=1)
 
@@ -161,7 +156,6 @@ class Piezoresistive(Effect):
     Sensors, 6.2.
     """
 
-    stage = Stage.TACTEL
     circuit: Literal["divider", "inverting"] = parameter("divider", "", "what turns conductance into voltage")
     load_ratio: float = parameter(0.3, "", "load resistor over resistance at full scale; divider", ge=0)
     # FlexiForce A201 datasheet and user manual rev. G, p. 13: linear within +-3 % of full scale
@@ -189,7 +183,6 @@ class Thermal(Effect):
     tactels have in common and a part of its own.
     """
 
-    stage = Stage.TACTEL
     # a robot arm's motors warm its skin by some 10 degrees within the first half hour (assumed)
     start_c: float = parameter(0.0, "K", "difference from calibration at scene time 0")
     end_c: float = parameter(10.0, "K", "difference from calibration in the end")
@@ -226,7 +219,6 @@ class Drift(Effect):
     t0 on (the ripple is 2 % of one decade's drift), and recovers in the same way when the load is gone.
     """
 
-    stage = Stage.TACTEL
     # FlexiForce A201 datasheet: drift < 5 % per logarithmic time scale, at 90 % of full load
     per_decade: float = parameter(0.05, "", "share of the load gained per decade of time", ge=0, le=1)
     first_s: float = parameter(1.0, "s", "where the logarithm begins", gt=0)
@@ -268,8 +260,6 @@ class _FaultyTactels(Effect):
 class Dead(_FaultyTactels):
     """Tactels that read nothing from a time on, as with an open line; the noise of the electronics stays."""
 
-    stage = Stage.TACTEL
-
     def bind(self, arm: Arm, rng: Rng) -> PressureStep:
         """Return ``step(pressures, t_s) -> pressures``."""
         alive = 1.0 - self.chosen(arm, rng)
@@ -280,7 +270,6 @@ class Dead(_FaultyTactels):
 class Crosstalk(Effect):
     """In a scanned matrix a tactel reads a share of each other tactel in its row and in its column."""
 
-    stage = Stage.TACTEL
     # from below 3.3 % (fabric skin, arXiv 2508.20959) to 30 % of a reading in a 4 x 4 array without
     # countermeasures (Improving Accuracy in the Readout of Resistive Sensor Arrays, section 1)
     row: float = parameter(0.01, "", "share of each other tactel of the row", ge=0, le=1)
@@ -312,7 +301,6 @@ def lines_of(arm: Arm) -> Ints32:
 class Offset(Effect):
     """Tactels do not read zero when nothing presses; each zero is fixed for the run."""
 
-    stage = Stage.TACTEL
     # assumed: 0.1 % of a full scale of 250 kPa, the zero error of an amplifier with 5 mV at 5 V
     sigma_pa: float = parameter(250.0, "Pa", "standard deviation of the zero", ge=0)
 
@@ -332,7 +320,6 @@ class Flicker(Effect):
     relaxation times.
     """
 
-    stage = Stage.TACTEL
     # assumed: at 1 Hz as strong as 200 Pa of white noise sampled at 50 Hz is there, 200 / sqrt(25)
     pa_at_1hz: float = parameter(40.0, "Pa/sqrt(Hz)", "amplitude density at 1 Hz", ge=0)
     low_hz: float = parameter(0.01, "Hz", "flat below this frequency", gt=0)
@@ -365,7 +352,6 @@ class Flicker(Effect):
 class Noise(Effect):
     """Normally distributed noise, white, independent between tactels and samples."""
 
-    stage = Stage.TACTEL
     # 1 % of the peak of a contact; a board declares 200 Pa (model.Patch)
     sigma_pa: float = parameter(200.0, "Pa", "standard deviation", ge=0)
 
@@ -383,7 +369,6 @@ class Burst(Effect):
     15 ms.
     """
 
-    stage = Stage.TACTEL
     # assumed: a relay or a motor brake beside one of 24 boards, once in some seconds of work
     per_minute: float = parameter(1.0, "1/min", "mean number on each board", ge=0)
     kpa: float = parameter(20.0, "kPa", "standard deviation of the height", ge=0)
@@ -418,7 +403,6 @@ class Burst(Effect):
 class Saturation(Effect):
     """Electronics clip before the converter does: no reading is above a limit."""
 
-    stage = Stage.TACTEL
     # assumed: an amplifier set for 60 % of the boards' full scale of 250 kPa
     limit_kpa: float = parameter(150.0, "kPa", "largest pressure that is resolved", gt=0)
 
@@ -431,7 +415,6 @@ class Saturation(Effect):
 class Adc(Effect):
     """A converter of fewer bits than the object, over a range of its own; left-adjusted as in CiA 401."""
 
-    stage = Stage.COUNTS
     # the converters inside common microcontrollers have 12 bits
     bits: int = parameter(
         12, "", "bits of the converter, sign included; 16 is as fine as the object", ge=2, le=16
@@ -462,8 +445,6 @@ class Adc(Effect):
 @settings
 class Stuck(_FaultyTactels):
     """Tactels that repeat one reading from a time on, noise and all, as converters and firmware that hang."""
-
-    stage = Stage.COUNTS
 
     def bind(self, arm: Arm, rng: Rng) -> CountStep:
         """Return ``step(counts, t_s) -> counts``."""

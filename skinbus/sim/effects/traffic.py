@@ -18,7 +18,6 @@ from skinbus.sim.effect import (
     Effect,
     FrameStep,
     Rng,
-    Stage,
     TrafficEffect,
     at,
     node_of,
@@ -34,7 +33,6 @@ _REGISTER = 0x11  # generic and communication error, CiA 301, 7.5.2.2
 class ClockDrift(Effect):
     """Every board's oscillator is a little off, and with it heartbeats, event and inhibit times."""
 
-    stage = Stage.CLOCK
     # crystals are specified to +-30 to +-50 ppm; RC oscillators of microcontrollers to 1 % (10 000 ppm)
     sigma_ppm: float = parameter(30.0, "ppm", "standard deviation of the rate", ge=0, le=100_000)
 

@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from skinbus.sim.effect import Stage
-from skinbus.sim.effects import ORDER, effect_class
+from skinbus.sim.effect import ORDER, Stage
+from skinbus.sim.effects import effect_class
 
 ZERO = {
     "sync_jitter": {"sigma_us": 0.0},
