@@ -81,16 +81,16 @@ class ElasticLaw:
         layer: dict[str, Any] = {"thickness": thickness, "poisson": poisson}
         diameters, self._size = np.unique(geometry.diameter, return_inverse=True)
         self._geometry = geometry
-        numbered = list(enumerate(indenters))
-        self._straight = {k: RoundTables(i, diameters, layer) for k, i in numbered if i.shape.is_round}
-        self._pushed = {}
-        if geometry.friction:
-            self._pushed = {
-                k: RoundTables(i, diameters, layer, tangential=True) for k, i in numbered if i.shape.is_round
-            }
+        kinds = (False, True) if geometry.friction else (False,)
+        self._round = {
+            k: [RoundTables(i, diameters, layer, tangential=tangential) for tangential in kinds]
+            for k, i in enumerate(indenters)
+            if i.shape.is_round
+        }
+        """Of a push straight down, and of one along the surface where there is friction."""
         self._planes = {
             k: [quarter_plane(i, **layer, tactel_radius=0.5 * d) for d in diameters.tolist()]
-            for k, i in numbered
+            for k, i in enumerate(indenters)
             if not i.shape.is_round
         }
 
@@ -104,9 +104,8 @@ class ElasticLaw:
 
     def _add_round(self, loads: Loads, j: int, pressures: Floats) -> None:
         geometry, force, radius = self._geometry, float(loads.force[j]), float(loads.radius[j])
-        straight, pushed = (tables.get(int(loads.indenter[j])) for tables in (self._straight, self._pushed))
-        assert straight is not None
-        reach = max(straight.reach, pushed.reach if pushed else 0.0)
+        straight, *pushed = self._round[int(loads.indenter[j])]
+        reach = max(tables.reach for tables in (straight, *pushed))
         tactels, x, y = geometry.ways(int(loads.link[j]), loads.s[j], loads.a[j])
         d = np.hypot(x, y)
         near = np.flatnonzero(d < (WIDEST * reach if geometry.response else reach))
@@ -118,10 +117,10 @@ class ElasticLaw:
             k = looked_up(tables, size, d)
         pressures[tactels] += force * k
         pull = math.hypot(loads.pull_s[j], loads.pull_a[j])
-        if pushed and geometry.friction and pull > 0.0:
+        if geometry.friction and pull > 0.0:
             stick = force * min(1.0, geometry.friction / pull)  # with less than 1 it slips
             ahead = (loads.pull_s[j] * x + loads.pull_a[j] * y) / np.maximum(d, 1e-12)
-            pressures[tactels] += stick * ahead * looked_up(pushed.at(radius), size, d)
+            pressures[tactels] += stick * ahead * looked_up(pushed[0].at(radius), size, d)
 
     def _add_extended(self, loads: Loads, j: int, pressures: Floats) -> None:
         """Add an edge or a palm; where it goes around a closed link, all its turns within reach count."""

@@ -51,6 +51,11 @@ class Touch:
         return float(self.force[-1, 0])
 
     @property
+    def pull(self) -> tuple[float, float]:
+        """Tangential force per normal force, along s and a."""
+        return self.inclination * np.cos(self.direction), self.inclination * np.sin(self.direction)
+
+    @property
     def indenter(self) -> Indenter:
         """What presses."""
         modulus = self.modulus if self.shape is Shape.SPHERE else 0.0
@@ -94,7 +99,8 @@ class TouchPlan:
         self._touches, self._period = touches, arm.link_shapes[:, 2]
         self._times = np.array([(touch.start, touch.end) for touch in touches]).reshape(-1, 2)
         known: dict[Indenter, int] = {}
-        self._numbers = [known.setdefault(touch.indenter, len(known)) for touch in touches]
+        self._numbers = np.array([known.setdefault(touch.indenter, len(known)) for touch in touches])
+        self._pushes = np.array([(touch.yaw, *touch.pull) for touch in touches]).reshape(-1, 3)
         self.indenters = list(known) or [Indenter()]
         """The distinct indenters; their numbers are those of the loads."""
         self.loads = Loads(max(1, len(touches)))
@@ -115,10 +121,8 @@ class TouchPlan:
         now, loads = self.at(t_s), self.loads
         n = loads.n = len(now)
         loads.link[:n], loads.s[:n], loads.a[:n], loads.force[:n] = now.link, now.s, now.a, now.force
+        loads.indenter[:n] = self._numbers[now.touch]
+        loads.yaw[:n], loads.pull_s[:n], loads.pull_a[:n] = self._pushes[now.touch].T
         for i, j in enumerate(now.touch.tolist()):
-            touch = self._touches[j]
-            loads.indenter[i], loads.radius[i] = self._numbers[j], touch.radius(float(now.force[i]))
-            loads.yaw[i] = touch.yaw
-            loads.pull_s[i] = touch.inclination * np.cos(touch.direction)
-            loads.pull_a[i] = touch.inclination * np.sin(touch.direction)
+            loads.radius[i] = self._touches[j].radius(float(now.force[i]))
         return loads
