@@ -29,40 +29,8 @@ MAX_GROWTH = 400_000
 FOLLOWS = {(before, after) for before in NmtState for after in TRANSITIONS.values()}
 FOLLOWS |= {(NmtState.INITIALISING, NmtState.PRE_OPERATIONAL)}
 
-# What a tool would write, as (index, sub-indices, size, values); random bytes would hardly ever say it.
-SENSIBLE = (
-    (0x1010, (1, 2, 3, 4), 4, (0x65766173,)),  # "save"
-    (0x1011, (1, 2, 3, 4), 4, (0x64616F6C,)),  # "load"
-    (0x1016, (1, 2), 4, (50, 0x90032, 0xA0032)),
-    (0x1029, (1,), 1, (0, 1, 2)),
-    (0x1017, (0,), 2, (0, 1, 500)),
-    (0x1015, (0,), 2, (0, 0, 50)),
-    (0x1019, (0,), 1, (0, 2, 240)),
-    (0x1006, (0,), 4, (0, 5000)),
-    (0x1005, (0,), 4, (0x80, 0x40000080)),
-    (0x1400, (1,), 4, (0x211, 0x212, 0x80000211)),
-    (0x1400, (2,), 1, (0, 1, 255)),
-    (0x1400, (5,), 2, (0, 10)),
-    (0x1600, (0,), 1, (0, 1, 2, 3)),
-    (0x1600, (1, 2, 3), 4, (0x20500020, 0x00050008, 0x00010001)),
-    (0x1800, (1,), 4, (0xC0000000, 0x40000185)),
-    (0x1801, (1,), 4, (0xC0000000, 0x40000285)),
-    *((0x1800 + n, (2,), 1, (0, 1, 2, 254, 255)) for n in (0, 1, 2)),
-    *((0x1800 + n, (3,), 2, (0, 100)) for n in (0, 1)),
-    *((0x1800 + n, (5,), 2, (0, 20)) for n in (0, 1)),
-    *((0x1800 + n, (6,), 1, (0, 3)) for n in (0, 1)),
-    (0x1A00, (0,), 1, (0, 1, 2, 4)),
-    (0x1A00, (1, 2), 4, (0x64010110, 0x64010310, 0x10010008)),
-    (0x6423, (0,), 1, (0, 1)),
-    (0x6421, (1, 2, 3), 1, (0, 5, 10, 15, 20, 25, 30)),
-    (0x6426, (1, 2, 3), 4, (0, 100)),
-)
-SENSIBLE_WRITES = [  # expedited downloads
-    bytes((0x23 | (4 - size) << 2, index & 0xFF, index >> 8, sub)) + value.to_bytes(4, "little")
-    for index, subs, size, values in SENSIBLE
-    for sub in subs
-    for value in values
-]
+NUMBERS = (0, 0, 1, 1, 2, 5, 50, 240, 254, 255, 500, 0x211, 0x65766173, 0x64616F6C, 0xC0000000, 0x64010310)
+"""What a tool would write, beside what is delivered: "save" and "load", a PDO that is off, a mapping."""
 SIZES = [bytes((n, m, 0, 0)) for n, m in ((127, 0), (2, 4), (1, 0))]
 """Segments of a block, and the threshold below which none is wanted."""
 BLOCK_COMMANDS = [*[b"\xa3"] * 8, *(bytes((0xA2, n, 2)) for n in (0, 1, 2) for _ in range(4))]
@@ -81,6 +49,12 @@ class Feeder:
         self.rng = random.Random(SEED)
         # index and sub-index of every entry, as an SDO carries them
         self.places = [bytes((key >> 8 & 0xFF, key >> 16, key & 0xFF)) for key in device.layout.entries]
+        entries = zip(self.places, device.layout.entries.values(), strict=True)
+        self.writable = [
+            (place, entry.size, int.from_bytes(entry.default, "little") + entry.relative * device.node_id)
+            for place, entry in entries
+            if entry.writable and entry.index not in range(0x2000, 0x6000) and 0 < entry.size <= 4
+        ]
         identity = [device.get(0x1018, sub).to_bytes(4, "little") for sub in (1, 2, 3, 4)]
         self.lss = [bytes((command + i,)) + identity[i] for i in range(4) for command in (0x40, 0x5A)]
         self.lss += [bytes((0x51,)) + identity[i] + bytes((0, i, (i + 1) % 4)) for i in range(4)]
@@ -99,7 +73,9 @@ class Feeder:
             # resets are rare, or nothing would ever come of a configuration
             payload = bytes((choose((1, 1, 1, 2, 128, 129, 130) if kind > 60 else (1, 1, 128)), 0))
         elif can_id == sdo and kind < 40:
-            payload = choose(SENSIBLE_WRITES)
+            place, size, delivered = choose(self.writable)
+            number = choose((delivered, *NUMBERS)) % (1 << 8 * size)
+            payload = bytes((0x23 | (4 - size) << 2,)) + place + number.to_bytes(4, "little")
         elif can_id == sdo and kind < 44:
             command = choose((0xA0, 0xA4, 0xC0, 0xC4))
             payload = (
