@@ -77,29 +77,10 @@ def test_frames_are_read_as_their_source_says(name, address, frames, raw):
     assert not receiver.n_foreign
 
 
-@pytest.mark.parametrize(("name", "address", "frames", "raw"), SAMPLES)
-def test_a_double_of_a_board_sends_these_frames(name, address, frames, raw):
-    found = load_format(name)
-    sent = [frame_of(found, part, raw, fill=0xAA) for part in found.parts(address)]
-    assert [text(*each) for each in sent] == frames
-
-
 @pytest.mark.parametrize(("name", "kind", "addresses", "frames"), COMMANDS)
 def test_commands_are_those_of_the_source(name, kind, addresses, frames):
     found = load_format(name)
     assert [text(*each) for each in found.commands(getattr(found, kind), addresses)] == frames
-
-
-def test_the_example_of_uspa44_reads_its_z():
-    found = load_format("xela-uspa44")
-    receiver = Receiver(found, ["4"])
-    for part in found.parts("4"):
-        receiver.take(
-            Frame(*frame_of(found, part, np.zeros(16)))
-            if part.can_id != 0x004
-            else frame("004#937E317E1593120F")
-        )
-    np.testing.assert_array_equal(receiver.newest(0).counts, [0x9312 // 2, *[0] * 15])
 
 
 def test_pressure_lets_readings_of_mtb4_fall_and_counts_rise():
