@@ -16,7 +16,7 @@ from skinbus.estimate import LEVELS
 from skinbus.model import Arm
 from skinbus.skin.contact import Context
 from skinbus.skin.cycle import Cycle, CycleFlags, Readings, SkinLayout
-from skinbus.skin.feed import Feed, Positions
+from skinbus.skin.feed import Feed
 from skinbus.skin.robot_here import RobotHere
 from skinbus.skin.shared_memory import SharedReader
 from skinbus.skin.skin import Skin
@@ -74,7 +74,8 @@ class _SharedFeed(Feed):
         self._reader = SharedReader(name)
         layout = self._reader.layout
         super().__init__(layout if arm is None else _on_arm(layout, arm), f"shared memory {name}")
-        self._robot = RobotHere(arm)
+        self._here = RobotHere(arm)
+        self.robot = self._here.robot
         self._is_closed = False
         self.first = max(self._reader.newest, 1)
         self._pause_s = 1e-9 * self.layout.period_ns / LOOKS
@@ -114,10 +115,6 @@ class _SharedFeed(Feed):
             time.sleep(self._pause_s)
         return None
 
-    def set_joints(self, t_ns: int, positions: Positions) -> None:
-        """Take joint positions of the program."""
-        self._robot.offer(t_ns, positions)
-
     def close(self) -> None:
         """Let go of the memory."""
         if not self._is_closed:
@@ -130,7 +127,7 @@ class _SharedFeed(Feed):
         records = slot["contacts"][: slot["n_contacts"]]
         level, budget_us, t_ns = int(slot["level"]), float(slot["budget_us"]), int(slot["t_ns"])
         readings = Readings(slot["pressures"].astype(np.float64), slot["valid"], slot["faults"])
-        place = partial(self._robot.place, t_ns, records, not readings.valid.any())
+        place = partial(self._here.place, t_ns, records, not readings.valid.any())
         return Cycle(
             int(slot["number"]),
             t_ns,

@@ -40,9 +40,7 @@ CONTACT = np.dtype(
 UNKNOWN_LEVEL = 255
 """Level of a record of which neither level nor quality is known."""
 
-NO_ROBOT = (
-    "frames and torques need [robot] in the arm file; shared memory needs that file: attach(NAME, arm=...)"
-)
+NO_ROBOT = "joints, frames and torques need [robot] in the arm file, which attach(NAME, arm=...) needs too"
 _ROWS = {"link": 0, "base": 1, "tool": 2}
 """Frames in the order of the arrays of ``RobotContacts``."""
 

@@ -6,12 +6,17 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
 
 import numpy.typing as npt
 
 from skinbus.errors import LocalProtocolError
 from skinbus.master import Master
+from skinbus.skin.contact import NO_ROBOT
 from skinbus.skin.cycle import Cycle, SkinLayout, no_cycle
+
+if TYPE_CHECKING:
+    from skinbus.master.robot import MasterRobot
 
 Positions = npt.ArrayLike | Mapping[str, float]
 """Of joints: a number for each that is set from Python, or some by name."""
@@ -37,6 +42,9 @@ class Feed:
 
     pace = 1.0
     """Seconds of the source in one of real time; below 1 the machine is too slow for it."""
+
+    robot: MasterRobot | None = None
+    """What takes joint positions."""
 
     def __init__(self, layout: SkinLayout, what: str) -> None:
         """``what`` the cycles come from, for people."""
@@ -104,7 +112,9 @@ class Feed:
 
     def set_joints(self, t_ns: int, positions: Positions) -> None:
         """Take joint positions of a time on the clock of the source."""
-        raise LocalProtocolError("only the process of the master takes joint positions")
+        if self.robot is None:
+            raise LocalProtocolError(NO_ROBOT)
+        self.robot.offer(t_ns, positions)
 
     def close(self) -> None:
         """End the source, cleanly; a second call does nothing."""
@@ -118,7 +128,7 @@ class MadeFeed(Feed):
     def __init__(self, layout: SkinLayout, what: str, cycles: Iterator[Cycle], master: Master) -> None:
         super().__init__(layout, what)
         self._cycles = cycles
-        self._master = master
+        self._master, self.robot = master, master.robot
         self._lock = threading.Lock()
 
     def now_ns(self) -> int:
@@ -144,10 +154,6 @@ class MadeFeed(Feed):
         """Take new zeros."""
         with self._lock:
             set_zero(self._master, patch)
-
-    def set_joints(self, t_ns: int, positions: Positions) -> None:
-        """Take joint positions."""
-        offer(self._master, t_ns, positions)
 
     def close(self) -> None:
         """Make no more cycles."""
@@ -213,10 +219,3 @@ def set_zero(master: Master, patch: int | None) -> None:
     else:
         arm = master.arm
         master.branches[int(arm.patch_bus[patch])].network.zero(int(arm.node_id[patch]))
-
-
-def offer(master: Master, t_ns: int, positions: Positions) -> None:
-    """Give joint positions of a time to a master."""
-    if master.robot is None:
-        raise LocalProtocolError(f"{master.arm.name} has no [robot] in its file: it has no joints")
-    master.robot.offer(t_ns, positions)

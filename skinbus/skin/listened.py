@@ -33,7 +33,7 @@ from skinbus.objects.readings import N_IDS, ReadingsPlan
 from skinbus.skin.addresses import BusAddress, find_places, shown
 from skinbus.skin.contact import CONTACT, UNKNOWN_LEVEL, Context, Records
 from skinbus.skin.cycle import PATCH, Cycle, Readings, SkinLayout, fill_places
-from skinbus.skin.feed import Feed, Positions
+from skinbus.skin.feed import Feed
 from skinbus.skin.listener import Heard, Listener
 from skinbus.skin.opened import Channel, channel_words
 from skinbus.skin.robot_here import RobotHere
@@ -278,6 +278,7 @@ class _ListeningFeed(Feed):
     def __init__(self, arm: Arm, places: Sequence[BusAddress], node_id: int, readings: bool) -> None:
         super().__init__(SkinLayout.of(arm), f"listening on {shown(places)}")
         self._core = ListenCore(arm, node_id, self, readings=readings)
+        self.robot = self._core.robot.robot
         self._thread = CoreThread(self._core, *(place.open for place in places), on_end=self.end)
         self._thread.start()
 
@@ -287,10 +288,6 @@ class _ListeningFeed(Feed):
         if not request.done.wait(ZERO_S) or request.client.result is None:
             raise BusError("the master has not answered")
         request.client.result.unwrap()
-
-    def set_joints(self, t_ns: int, positions: Positions) -> None:
-        """Take joint positions of the program."""
-        self._core.robot.offer(t_ns, positions)
 
     def close(self) -> None:
         """End the thread."""

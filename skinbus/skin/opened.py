@@ -26,7 +26,7 @@ from skinbus.model import Arm
 from skinbus.skin.addresses import BusAddress, find_places, shown
 from skinbus.skin.compile_ahead import allow_when_compiled, first_level, start_compiling
 from skinbus.skin.contact import Level
-from skinbus.skin.feed import Feed, Positions, offer, set_zero
+from skinbus.skin.feed import Feed, set_zero
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.shared_memory import SharedWriter
 from skinbus.skin.skin import Skin
@@ -134,6 +134,7 @@ class _MasterFeed(Feed):
                     on_cycle=self._on_cycle,
                     **settings,
                 )
+            self.robot = self._master.robot
             for bus, place in zip(buses, places, strict=True):
                 refuse_other_master(bus, place, 2.0 / arm.bus.rate_hz)
         with ExitStack() as undo:
@@ -158,10 +159,6 @@ class _MasterFeed(Feed):
         self._wanted.append((patch, taken))
         if not taken.wait(ZERO_S):
             raise BusError(f"no cycle within {ZERO_S:g} s: zeros were not taken")
-
-    def set_joints(self, t_ns: int, positions: Positions) -> None:
-        """Take joint positions, at once."""
-        offer(self._master, t_ns, positions)
 
     def close(self) -> None:
         """Take contacts back, stop the patches, and end the thread."""

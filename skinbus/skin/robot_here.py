@@ -11,11 +11,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from skinbus.errors import LocalProtocolError
 from skinbus.estimate import TrackState
 from skinbus.model import Arm
 from skinbus.skin.contact import Placed, Records
-from skinbus.skin.feed import Positions
 
 SEEN = (TrackState.TOUCH, TrackState.HELD, TrackState.MOVE)
 """States of contacts that are seen in their cycle."""
@@ -31,36 +29,26 @@ class RobotHere:
             ConfigError: the URDF, or the arm file that goes with it, has faults.
             SkinbusError: yourdfpy is not installed.
         """
-        self._robot = None
+        self.robot = None
+        """What takes joint positions; None without ``[robot]``."""
         if arm is not None and arm.robot is not None:
             from skinbus.master.robot import MasterRobot  # nobody else pays for it
 
-            self._robot = MasterRobot(arm)
+            self.robot = MasterRobot(arm)
         self._n_links = len(arm.links) if arm else 0
         self._lock = threading.Lock()  # cycles may be read by several threads; kernels share their arrays
-
-    def offer(self, t_ns: int, positions: Positions) -> None:
-        """Take positions of a time from the program, from any thread.
-
-        Raises:
-            LocalProtocolError: there is no robot.
-            ArgumentError: positions that cannot be.
-        """
-        if self._robot is None:
-            raise LocalProtocolError("joint positions need an arm file with [robot]: attach(NAME, arm=...)")
-        self._robot.offer(t_ns, positions)
 
     def place(self, t_ns: int, records: Records, is_blind: bool = False) -> Placed | None:
         """Return contacts (of CONTACT) on the robot, at the joint positions at a SYNC.
 
         ``is_blind``: nothing was read; that there are no torques is not known then.
         """
-        if self._robot is None:
+        if self.robot is None:
             return None
         is_seen = np.isin(records["state"], SEEN) & (records["link"] < self._n_links)
         seen = records[is_seen]
         columns = {name: np.ascontiguousarray(seen[name]) for name in ("s", "a", "force", "covariance")}
         contacts = SimpleNamespace(link=seen["link"].astype(np.int64), **columns)
         with self._lock:
-            robot = self._robot.place(t_ns, contacts, is_blind=is_blind)
+            robot = self.robot.place(t_ns, contacts, is_blind=is_blind)
         return Placed(robot, np.where(is_seen, np.cumsum(is_seen) - 1, -1))

@@ -13,7 +13,6 @@ from skinbus.master import CycleReport, Master
 from skinbus.sim import Scene, World, load_scene
 from skinbus.skin.contact import Level
 from skinbus.skin.cycle import Cycle, Touch
-from skinbus.skin.feed import offer
 from skinbus.skin.master_cycles import CycleMaker, played
 from skinbus.skin.opened import check_level, saying_why
 from skinbus.skin.skin import Skin
@@ -75,11 +74,11 @@ def simulate(
         master = Master(arm, level=level, zero_at_start=zero, on_cycle=on_cycle)
     wires.attach(world)
     wires.attach(master)
-    if motion is not None and master.robot is not None:
+    if motion is not None and (robot := master.robot) is not None:
 
         def follow(now_ns: int, t_s: float) -> None:
             here = zip(motion.names, motion.positions(t_s).tolist(), strict=True)
-            offer(master, now_ns, {name: position for name, position in here if name in motion.free})
+            robot.offer(now_ns, {name: position for name, position in here if name in motion.free})
 
         world.on_sample = follow
     what = f"scene {scene}" if isinstance(scene, str | Path) else "a scene"

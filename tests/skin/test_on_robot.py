@@ -108,7 +108,7 @@ def test_what_cannot_be_set_is_refused(scene, tmp_path):
                 skin.joints = bad
     with skinbus.simulate(write_slide(tmp_path)) as skin:
         assert skin.joint_names == ()
-        with pytest.raises(LocalProtocolError, match=r"no \[robot\]"):
+        with pytest.raises(LocalProtocolError, match=r"need \[robot\]"):
             skin.joints = [0.0]
         contacts = next(cycle.contacts for cycle in skin if cycle.contacts)
     assert contacts[0].point("link").tolist() == contacts[0].point.tolist()
