@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
 
-from skinbus.errors import EdsError
+from skinbus.errors import EdsError, FaultList
 from skinbus.file_bytes import read_bytes
 from skinbus.objects import cia
 from skinbus.objects.eds import find_eds
@@ -201,7 +201,7 @@ def dcf_text(
     """Return the text of a file with ParameterValues added or replaced; all else stays as it is."""
     file = read_text(text, name=name)
     edits = EdsText(text)
-    faults = []
+    faults = FaultList()
     for (index, sub), number in values.items():
         variable = file.variable(index, sub)
         key = f"0x{index:04X}:{sub:02X}"
