@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Self
 
 from skinbus.can.event import Event
-from skinbus.can.frame import ERROR, FD, MAX_DATA, Frame, FrameBatch
+from skinbus.can.frame import ERROR, FD, MAX_DATA, CobIds, Frame, FrameBatch, Frames
 
 SEND_PATIENCE_S = 0.1
 """How long a full send queue is waited for before frames are given up; 800 frames at 1 Mbit/s."""
@@ -32,7 +32,7 @@ class Bus:
     batch: FrameBatch
     """Frames of the data plane that the last ``receive`` found."""
 
-    def listen(self, cob_ids: frozenset[int] | None, data_ids: frozenset[int] = frozenset()) -> None:
+    def listen(self, cob_ids: CobIds | None, data_ids: CobIds = frozenset()) -> None:
         """Receive these identifiers only (None: all), of them ``data_ids`` into the batch.
 
         Raises:
@@ -40,7 +40,7 @@ class Bus:
         """
         raise NotImplementedError
 
-    def receive(self, timeout_s: float = 0.0) -> Sequence[Frame]:
+    def receive(self, timeout_s: float = 0.0) -> Frames:
         """Return all frames that are there, waiting at most ``timeout_s`` for the first of either path.
 
         Raises:
@@ -48,7 +48,7 @@ class Bus:
         """
         raise NotImplementedError
 
-    def send(self, frames: Sequence[Frame]) -> int:
+    def send(self, frames: Frames) -> int:
         """Send frames in this order; return how many were sent.
 
         Raises:

@@ -21,7 +21,7 @@ from skinbus.bus.realtime import GcScheduler
 from skinbus.can.clock import Clock
 from skinbus.can.core import Core, Step
 from skinbus.can.event import Event, EventKind
-from skinbus.can.frame import Frame
+from skinbus.can.frame import Frames
 from skinbus.errors import BusError
 
 IDLE_NS = 100_000_000
@@ -83,7 +83,7 @@ class _Driver:
     clock: Clock = field(default_factory=MonotonicClock)
     on_step: Callable[[Step], object] | None = None
     on_event: Callable[[Event], object] | None = None
-    final_frames: Callable[[int], Sequence[Frame]] | None = None
+    final_frames: Callable[[int], Frames] | None = None
     tidy: GcScheduler | None = None
     report: LoopReport = field(default_factory=LoopReport)
     lines: Sequence[ManagedInterface] = ()
@@ -111,7 +111,7 @@ class _Driver:
 
     def loop(self) -> None:
         """Step and wait until it is time to end."""
-        frames: Sequence[Frame] = ()
+        frames: Frames = ()
         while not self.stopping:
             wake_ns = self.step(frames)
             if not self.stopping:
@@ -138,7 +138,7 @@ class _Driver:
             for line in self.lines:
                 stack.callback(line.close)
 
-    def step(self, frames: Sequence[Frame]) -> int:
+    def step(self, frames: Frames) -> int:
         """One step of the core, with all that follows from it; the time of its next one."""
         step = self.core.step(self.clock.now_ns(), frames)
         self.report.steps += 1
@@ -152,7 +152,7 @@ class _Driver:
             self.on_step(step)
         return step.wake_ns
 
-    def wait(self, wake_ns: int) -> Sequence[Frame]:
+    def wait(self, wake_ns: int) -> Frames:
         """Frames for the core, or nothing when it is ``wake_ns``; returns early when asked to stop."""
         while not self.stop.is_set():
             left_ns = wake_ns - self.clock.now_ns()
@@ -167,7 +167,7 @@ class _Driver:
         self.stopping = True
         return ()
 
-    def receive(self, timeout_ns: int) -> Sequence[Frame] | None:
+    def receive(self, timeout_ns: int) -> Frames | None:
         """What the core listens to of what is there, None if nothing came for it.
 
         Lost buses are opened again when it is time, and the wait ends then.
@@ -223,7 +223,7 @@ class _Driver:
             self.pace_ns = pace_ns if pace_ns >= SHORTEST_PACE_NS else 0
         self.last_data_ns = last_ns
 
-    def send(self, frames: Sequence[Frame]) -> None:
+    def send(self, frames: Frames) -> None:
         """Send the frames of the core, each on its bus."""
         if len(self.lines) == 1:
             self.lines[0].send(frames)

@@ -10,7 +10,7 @@ from skinbus.bus.interface import Bus
 from skinbus.can.clock import Clock
 from skinbus.can.core import Core, receives
 from skinbus.can.event import Event, EventKind
-from skinbus.can.frame import Frame
+from skinbus.can.frame import CobIds, Frames
 from skinbus.errors import BusError
 
 FIRST_PAUSE_NS = 50_000_000
@@ -41,7 +41,7 @@ class ManagedInterface:
         self._open_bus = open_bus
         self._clock = clock
         self._report = report
-        self._heard_ids: frozenset[int] | None = frozenset()
+        self._heard_ids: CobIds | None = frozenset()
         self._pause_ns = FIRST_PAUSE_NS
 
     def open(self) -> None:
@@ -67,7 +67,7 @@ class ManagedInterface:
         """File descriptors to wait for; none if there are none."""
         return self.bus.descriptors(for_data=for_data) if self.bus is not None else ()
 
-    def receive(self, timeout_ns: int) -> Sequence[Frame] | None:
+    def receive(self, timeout_ns: int) -> Frames | None:
         """What the core listens to of what is there, None if nothing came for it; it is given data frames."""
         if self.bus is None:
             return None
@@ -84,7 +84,7 @@ class ManagedInterface:
             frames = [frame for frame in frames if receives(self._heard_ids, frame)]
         return [frame._replace(bus=self.number) for frame in frames] if self.number else frames
 
-    def send(self, frames: Sequence[Frame]) -> None:
+    def send(self, frames: Frames) -> None:
         """Send the frames of the core; count those not sent, and report them to the core."""
         n_sent = 0
         if self.bus is not None:
@@ -99,7 +99,7 @@ class ManagedInterface:
             in_order = self.bus is not None and self.bus.gives_up_in_order
             self._core.not_sent(self._clock.now_ns(), frames[n_sent:] if in_order else frames)
 
-    def reopen(self) -> Sequence[Frame] | None:
+    def reopen(self) -> Frames | None:
         """Try to open a lost interface if it is time; what ``receive`` would return."""
         if self._clock.now_ns() < self.retry_ns:
             return None

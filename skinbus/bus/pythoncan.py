@@ -14,7 +14,7 @@ import os
 import secrets
 import socket
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import can
@@ -25,7 +25,7 @@ from skinbus.bus.socketcan_batch import raise_receive_buffer
 from skinbus.bus.udp_multicast import MulticastBus
 from skinbus.can.clock import Clock
 from skinbus.can.core import receives
-from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame, FrameBatch
+from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, CobIds, Frame, FrameBatch, Frames
 from skinbus.errors import BusError
 
 DEFAULT_INTERFACE = "socketcan"
@@ -78,7 +78,7 @@ class PythonCanBus(Bus):
         self.fd = fd
         self.clock = clock or MonotonicClock()
         self.batch = FrameBatch(1)
-        self._data_ids: frozenset[int] = frozenset()
+        self._data_ids: CobIds = frozenset()
         self._tag = secrets.token_hex(4) if interface == "udp_multicast" else None
         self._last_ns = self.clock.now_ns()
         self._buffer_stuck = False
@@ -89,7 +89,7 @@ class PythonCanBus(Bus):
         self._bus = _open(interface, self.channel, settings | dict(options or {}))
         _raise_receive_buffer(self._bus)
 
-    def listen(self, cob_ids: frozenset[int] | None, data_ids: frozenset[int] = frozenset()) -> None:
+    def listen(self, cob_ids: CobIds | None, data_ids: CobIds = frozenset()) -> None:
         """Receive ``data_ids`` into the batch; of the others python-can passes on all."""
         self._data_ids = data_ids
         if data_ids and len(self.batch.frames) < MAX_BATCH:
@@ -121,7 +121,7 @@ class PythonCanBus(Bus):
             frames = [frame for frame in frames if not receives(self._data_ids, frame)]
         return frames
 
-    def send(self, frames: Sequence[Frame]) -> int:
+    def send(self, frames: Frames) -> int:
         """Send frames in this order; returns how many were sent.
 
         Raises BusError if the interface is down or gone.

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from skinbus.can.candump import CandumpWriter
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
-from skinbus.can.frame import Frame
+from skinbus.can.frame import CobIds, Frame, Frames
 
 
 class Recorder(Core):
     """Listens to everything; a host keeps its buses open, and opens them again when they were lost."""
 
-    cob_ids: frozenset[int] | None = None
+    cob_ids: CobIds | None = None
     n_buses = 1
 
     def __init__(self, writer: CandumpWriter, n_buses: int = 1) -> None:
@@ -22,7 +20,7 @@ class Recorder(Core):
         """Frames that the machine had no room for."""
         self._writer = writer
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+    def step(self, now_ns: int, frames: Frames) -> Step:
         """Write what was received, in the order of its reception on all buses together."""
         self._writer.write(sorted(frames, key=_time) if self.n_buses > 1 else frames)
         return Step((), (), NEVER)

@@ -12,7 +12,6 @@ import errno
 import select
 import socket
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 from skinbus.bus.interface import BAD_FRAME, RETRY_S, SEND_PATIENCE_S, Bus, advice
@@ -30,7 +29,7 @@ from skinbus.bus.socketcan_batch import (
 )
 from skinbus.can.error_frames import ERR_OF_INTEREST, FaultWatch
 from skinbus.can.event import Event
-from skinbus.can.frame import ERROR, Frame, FrameBatch
+from skinbus.can.frame import ERROR, CobIds, Frame, FrameBatch, Frames
 from skinbus.errors import BusError
 
 RECEIVE_BUFFER = 8 << 20
@@ -66,7 +65,7 @@ class SocketCanBus(Bus):
         self.n_received = 0
         self._stuck = False
         self._receive_buffer = receive_buffer
-        self._data_ids: frozenset[int] = frozenset()
+        self._data_ids: CobIds = frozenset()
         self._control = self._open(None)
         self._reader = BatchReader(self._control, self.clock, MAX_CONTROL)
         self._writer = BatchWriter(self._control)
@@ -90,7 +89,7 @@ class SocketCanBus(Bus):
         """Descriptors that become readable with frames, those of the data plane only if wanted."""
         return [sock.fileno() for sock in (self._sockets if for_data else self._sockets[:1])]
 
-    def listen(self, cob_ids: frozenset[int] | None, data_ids: frozenset[int] = frozenset()) -> None:
+    def listen(self, cob_ids: CobIds | None, data_ids: CobIds = frozenset()) -> None:
         """Receive only these identifiers (None: all), of them ``data_ids`` into the batch.
 
         Raises BusError if the interface is down or gone.
@@ -147,7 +146,7 @@ class SocketCanBus(Bus):
             babble = []
         return self._faults.news(now_ns, n_dropped) + babble
 
-    def send(self, frames: Sequence[Frame]) -> int:
+    def send(self, frames: Frames) -> int:
         """Send frames in this order; returns how many were sent.
 
         Raises BusError if the interface is down or gone.
@@ -193,7 +192,7 @@ class SocketCanBus(Bus):
         in_sockets = self._reader.n_dropped + (self._data_reader.n_dropped if self._data_reader else 0)
         return in_sockets + self._backlog.n
 
-    def _open(self, cob_ids: frozenset[int] | None) -> socket.socket:
+    def _open(self, cob_ids: CobIds | None) -> socket.socket:
         """A raw socket that receives these identifiers; one that receives all receives error frames too."""
         try:
             sock = socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
@@ -230,7 +229,7 @@ class SocketCanBus(Bus):
         return f"socketcan {self.channel}"
 
 
-def _filter(sock: socket.socket, cob_ids: frozenset[int] | None) -> None:
+def _filter(sock: socket.socket, cob_ids: CobIds | None) -> None:
     sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters(cob_ids))
 
 

@@ -7,7 +7,7 @@ import os
 import socket
 import struct
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from skinbus.can.frame import (
     RTR,
     Frame,
     FrameBatch,
+    Frames,
 )
 from skinbus.jit import kernel
 
@@ -290,7 +291,7 @@ class BatchWriter:
         self._address = address_of(self._messages)
         self._lengths = np.zeros(CHUNK, np.uint64)
 
-    def write(self, frames: Sequence[Frame]) -> int:
+    def write(self, frames: Frames) -> int:
         """Send at most ``CHUNK`` frames, all of which are fit to be sent; how many went out.
 
         Raises:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from skinbus.can.frame import EXTENDED, FD, RTR, Frame
+from skinbus.can.frame import EXTENDED, FD, RTR, Frame, Frames
 
 ERROR_PASSIVE = 128
 """Transmit error counter from which a port is error passive."""
@@ -27,7 +27,7 @@ COLLISION_BITS = 50
 """Lost by a collision: the header (19), some bits until the frames differ, and an error frame (23)."""
 
 
-def collide(frames: Sequence[Frame], error_counters: Sequence[int]) -> tuple[list[int], list[int]]:
+def collide(frames: Frames, error_counters: Sequence[int]) -> tuple[list[int], list[int]]:
     """Return how it ends when frames equal in arbitration are sent at once, given the error counters.
 
     The first are the numbers of those whose (equal) frame gets through, none if all were destroyed; the

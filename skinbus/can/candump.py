@@ -20,7 +20,7 @@ from typing import Any, Self, TextIO
 
 from skinbus.can.clock import Clock, VirtualClock
 from skinbus.can.fd import CLASSIC_BYTES
-from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, MAX_DATA, RTR, Frame
+from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, MAX_DATA, RTR, Frame, Frames
 from skinbus.errors import ConfigError, Fault, FaultList, MissingFileError
 
 DEFAULT_CHANNEL = "can0"
@@ -209,7 +209,7 @@ class CandumpWriter:
         """Write one frame."""
         self.write((frame,))
 
-    def write(self, frames: Sequence[Frame]) -> None:
+    def write(self, frames: Frames) -> None:
         """Write frames; a time before the last frame's becomes the last frame's, as players want it."""
         lines = []
         for frame in frames:

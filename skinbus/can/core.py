@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from skinbus.can.event import Event
-from skinbus.can.frame import EXTENDED, NO_DATA, REMOTE_ID, RTR, Frame, FrameBatch
+from skinbus.can.frame import EXTENDED, NO_DATA, REMOTE_ID, RTR, CobIds, Frame, FrameBatch, Frames
 
 NEVER = 2**63 - 1
 """A wake-up time that does not come (ns)."""
@@ -19,7 +19,7 @@ NEVER = 2**63 - 1
 class Step(NamedTuple):
     """Answer of a core: frames to send in this order, events, and when to call again at the latest (ns)."""
 
-    frames: Sequence[Frame]
+    frames: Frames
     events: Sequence[Event]
     wake_ns: int
 
@@ -36,18 +36,18 @@ class Core:
         return 1
 
     @property
-    def cob_ids(self) -> frozenset[int] | None:
+    def cob_ids(self) -> CobIds | None:
         """Identifiers received on the first bus, None for all; a new object whenever the set changes.
 
         Numbers up to 0x7FF are 11-bit identifiers, larger ones 29-bit; see ``receives``.
         """
         return frozenset()
 
-    def cob_ids_on(self, bus: int) -> frozenset[int] | None:
+    def cob_ids_on(self, bus: int) -> CobIds | None:
         """Identifiers received on a bus, as ``cob_ids``."""
         return self.cob_ids
 
-    def data_ids_on(self, bus: int) -> frozenset[int]:
+    def data_ids_on(self, bus: int) -> CobIds:
         """Identifiers of the data plane on a bus, part of ``cob_ids_on``; they stay the same."""
         return frozenset()
 
@@ -62,15 +62,15 @@ class Core:
     def bus_news(self, now_ns: int, event: Event) -> None:
         """Take an event of the interface to a bus; ``step`` follows."""
 
-    def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
+    def not_sent(self, now_ns: int, frames: Frames) -> None:
         """Take frames of this core that a full queue or a lost bus discarded, oldest first."""
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+    def step(self, now_ns: int, frames: Frames) -> Step:
         """Take the frames received up to ``now_ns``; never raises for their content."""
         raise NotImplementedError
 
 
-def receives(cob_ids: frozenset[int] | None, frame: Frame) -> bool:
+def receives(cob_ids: CobIds | None, frame: Frame) -> bool:
     """Return whether a core with these ``cob_ids`` gets the frame; 29-bit 0x181 is not 11-bit 0x181.
 
     CANopen services are data frames. A remote frame reaches a core that receives everything or its identifier

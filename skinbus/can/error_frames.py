@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from skinbus.can.event import Event, EventKind
-from skinbus.can.frame import Frame
+from skinbus.can.frame import Frames
 
 # Error classes, and bits of the controller's byte data[1] (linux/can/error.h).
 ERR_TX_TIMEOUT = 0x001
@@ -29,7 +27,7 @@ class FaultWatch:
         """What has been detected and not been reported yet."""
         self._present: set[EventKind] = set()
 
-    def take(self, frames: Sequence[Frame]) -> None:
+    def take(self, frames: Frames) -> None:
         """Take error frames (linux/can/error.h)."""
         for frame in frames:
             data = frame.data.ljust(8, b"\0")

@@ -44,6 +44,10 @@ class Frame(NamedTuple):
     bus: int = 0
 
 
+Frames = Sequence[Frame]
+CobIds = frozenset[int]
+"""Identifiers; see ``core.receives``."""
+
 FRAME_DTYPE = np.dtype(
     [
         ("can_id", "<u4"),
@@ -96,7 +100,7 @@ class FrameBatch:
         self.n += 1
         return True
 
-    def extend(self, frames: Sequence[Frame]) -> int:
+    def extend(self, frames: Frames) -> int:
         """Add frames in bulk; return how many fitted. From the first that does not fit on, none is added."""
         n = min(len(frames), len(self.frames) - self.n)
         n = next((i for i, frame in enumerate(frames[:n]) if len(frame.data) > MAX_DATA), n)

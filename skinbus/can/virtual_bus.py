@@ -10,7 +10,7 @@ instant deliveries come first, then wake-ups in the order of attachment, then ar
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from heapq import heappop, heappush
 
 from skinbus.can.arbitration import BUS_OFF, COLLISION_BITS, ERROR_PENALTY, arbitration_key, collide
@@ -18,7 +18,7 @@ from skinbus.can.classic import INTERFRAME_BITS
 from skinbus.can.clock import VirtualClock
 from skinbus.can.core import NEVER, Core, DataQueue, receives
 from skinbus.can.event import Event, EventKind
-from skinbus.can.frame import FD, Frame
+from skinbus.can.frame import FD, Frame, Frames
 from skinbus.can.wire_bits import classic_bits, fault, fd_bits
 
 Tap = Callable[[Frame], object]
@@ -136,7 +136,7 @@ class VirtualBus:
         if port.attached:
             self._wake(port, max(wake_ns, self._now_ns))
 
-    def submit(self, port: Port, now_ns: int, frames: Sequence[Frame]) -> None:
+    def submit(self, port: Port, now_ns: int, frames: Frames) -> None:
         """Queue frames of a core that is on other wires too, and was stepped there."""
         if port.attached and frames:
             self._queue(port, frames)
@@ -181,7 +181,7 @@ class VirtualBus:
             if wake_ns < NEVER:
                 heappush(self._wakes, (wake_ns, port.index))
 
-    def _step(self, port: Port, now_ns: int, frames: Sequence[Frame]) -> None:
+    def _step(self, port: Port, now_ns: int, frames: Frames) -> None:
         """Give a core frames or just the time, and take what it has to send."""
         port.data.pass_on(now_ns)
         frames, events, wake_ns = port.core.step(now_ns, frames)
@@ -200,7 +200,7 @@ class VirtualBus:
             port.cob_ids = port.core.cob_ids
             self._listeners.clear()
 
-    def _queue(self, port: Port, frames: Sequence[Frame]) -> None:
+    def _queue(self, port: Port, frames: Frames) -> None:
         """Put frames into the port's queue: by identifier, within one identifier in their order."""
         fd = self.data_bitrate is not None
         for frame in frames:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from skinbus.can.clock import VirtualClock
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event
-from skinbus.can.frame import Frame, FrameBatch
+from skinbus.can.frame import CobIds, FrameBatch, Frames
 from skinbus.can.virtual_bus import Port, VirtualBus
 
 
@@ -52,12 +52,12 @@ class _Waker(Core):
         self.ports: list[tuple[VirtualBus, Port]] = []
         self.port: Port | None = None
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+    def step(self, now_ns: int, frames: Frames) -> Step:
         """Step the core when it is time."""
         events, wake_ns = self.pass_on(now_ns, ())
         return Step((), events, wake_ns)
 
-    def pass_on(self, now_ns: int, frames: Sequence[Frame]) -> tuple[Sequence[Event], int]:
+    def pass_on(self, now_ns: int, frames: Frames) -> tuple[Sequence[Event], int]:
         """Step the core and queue what it sends; return its events and when it is to be woken."""
         step = self.core.step(now_ns, frames)
         for k, (wire, port) in enumerate(self.ports):
@@ -75,11 +75,11 @@ class _Plug(Core):
         self._has_data = False
 
     @property
-    def cob_ids(self) -> frozenset[int] | None:
+    def cob_ids(self) -> CobIds | None:
         """Identifiers that the core receives."""
         return self._waker.core.cob_ids_on(self._number)
 
-    def data_ids_on(self, bus: int) -> frozenset[int]:
+    def data_ids_on(self, bus: int) -> CobIds:
         """Identifiers of the core's data plane."""
         return self._waker.core.data_ids_on(self._number)
 
@@ -89,7 +89,7 @@ class _Plug(Core):
         self._waker.core.take(now_ns, batch)
         self._has_data = True
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+    def step(self, now_ns: int, frames: Frames) -> Step:
         """Step the core with the frames of this wire."""
         if not (frames or self._has_data) or self._waker.port is None:
             return Step((), (), NEVER)

@@ -8,7 +8,7 @@ from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.can.core import Core, Step
 from skinbus.can.event import Event, EventKind
-from skinbus.can.frame import Frame
+from skinbus.can.frame import CobIds, Frame, Frames
 from skinbus.errors import ArgumentError
 from skinbus.gateway.frame_format import CommandTable, FrameFormat
 from skinbus.gateway.receiver import PATIENCE, Receiver
@@ -62,19 +62,19 @@ class Gateway(Core):
         return self._receiver.n_foreign
 
     @property
-    def cob_ids(self) -> frozenset[int]:
+    def cob_ids(self) -> CobIds:
         """Identifiers that the patches listen to."""
         return self._host.cob_ids
 
-    def cob_ids_on(self, bus: int) -> frozenset[int] | None:
+    def cob_ids_on(self, bus: int) -> CobIds | None:
         """Identifiers received on a bus."""
         return self._receiver.can_ids if bus == SKIN else self._host.cob_ids
 
-    def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
+    def not_sent(self, now_ns: int, frames: Frames) -> None:
         """Have the EMCY messages among these frames sent again."""
         self._host.not_sent(now_ns, [frame for frame in frames if frame.bus == CANOPEN])
 
-    def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> Step:
+    def step(self, now_ns: int, frames: Frames = ()) -> Step:
         """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
         for frame in frames:
             if frame.bus == SKIN:

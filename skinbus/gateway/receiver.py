@@ -9,7 +9,7 @@ import numpy as np
 
 from skinbus.arrays import Floats
 from skinbus.can.fd import CLASSIC_BYTES
-from skinbus.can.frame import Frame
+from skinbus.can.frame import CobIds, Frame
 from skinbus.gateway.frame_format import FrameFormat, Part
 from skinbus.node.host import Sample
 
@@ -48,7 +48,7 @@ class Receiver:
         self._healthy = np.zeros(self._raw.size, np.bool_)
 
     @property
-    def can_ids(self) -> frozenset[int]:
+    def can_ids(self) -> CobIds:
         """Identifiers that carry readings."""
         return frozenset(self._at)
 

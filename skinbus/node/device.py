@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import canopen
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from skinbus.can.core import Core, Step
 from skinbus.can.event import EventKind
-from skinbus.can.frame import REMOTE_ID, RTR, Frame
+from skinbus.can.frame import REMOTE_ID, RTR, CobIds, Frame, Frames
 from skinbus.errors import LocalProtocolError
 from skinbus.node.context import Context, Handler
 from skinbus.node.dictionary import WriteHook
@@ -115,7 +115,7 @@ class Device(Core):
             *(self._guarding, self._rpdo, self._tpdo, self._emcy),
         )
         self._handlers: dict[int, Handler] = {}
-        self._cob_ids: frozenset[int] = frozenset()
+        self._cob_ids: CobIds = frozenset()
         self._booted = False
         if self._lss is not None:
             self._lss.power_on()
@@ -139,7 +139,7 @@ class Device(Core):
         return self._context.dropped
 
     @property
-    def cob_ids(self) -> frozenset[int]:
+    def cob_ids(self) -> CobIds:
         """Identifiers this device listens to in its present state."""
         return self._cob_ids
 
@@ -178,7 +178,7 @@ class Device(Core):
         """An error went (``data`` None: all with this code); False if it was not there."""
         return self._emcy.clear_error(code, data)
 
-    def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
+    def not_sent(self, now_ns: int, frames: Frames) -> None:
         """Take frames of ours that did not go out: EMCY messages are sent again, others are outdated."""
         self._emcy.not_sent(now_ns, frames)
 
@@ -215,7 +215,7 @@ class Device(Core):
         if state is not None and self._context.state is NmtState.OPERATIONAL:
             self._enter(state)
 
-    def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> Step:
+    def step(self, now_ns: int, frames: Frames = ()) -> Step:
         """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
         context = self._context
         context.now_ns = now_ns

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import struct
 from collections import deque
-from collections.abc import Sequence
 
 from skinbus.can.core import NEVER
-from skinbus.can.frame import Frame
+from skinbus.can.frame import Frames
 from skinbus.node.context import NS_PER_100US, Context
 from skinbus.node.dictionary import SdoAbort
 from skinbus.node.nmt import SERVICES, Service
@@ -94,7 +93,7 @@ class EmcyService:
             self._queue(EmcyCode.NO_ERROR, code.to_bytes(2, "little") + key[1][:3])
         return bool(gone)
 
-    def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
+    def not_sent(self, now_ns: int, frames: Frames) -> None:
         """Keep our messages among these, which were not sent, for another try, until they are."""
         cob_id = self.values.number(EMCY_COB_ID, 0, COB_ID_INVALID)
         mine = [frame.data for frame in frames if frame.can_id == cob_id and not frame.flags]

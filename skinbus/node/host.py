@@ -17,7 +17,7 @@ import numpy as np
 from skinbus.arrays import Bools, Ints, Ints32
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event
-from skinbus.can.frame import REMOTE_ID, RTR, Frame
+from skinbus.can.frame import REMOTE_ID, RTR, CobIds, Frame, Frames
 from skinbus.node.device import Device
 from skinbus.objects.cia import READINGS, SOURCE_STOPPED, SYNC_ID, TACTELS_FAILED, EmcyCode, NmtState
 from skinbus.objects.profile import AGE_STEP_NS, HEALTHY_TACTELS, SAMPLE_AGE, has, index_of
@@ -88,12 +88,12 @@ class PatchHost(Core):
         self._wake_ns = [NEVER] * len(devices)
         self._wakes: list[tuple[int, int]] = []
         self._listeners: dict[int, list[int]] = {}
-        self._heard: list[frozenset[int]] = [frozenset()] * len(devices)
+        self._heard: list[CobIds] = [frozenset()] * len(devices)
         self._free: set[int] = set()
         self._scan_ns = NEVER
         self._cob_ids = frozenset({SYNC_ID})
         self._is_on = False
-        self.deaf: frozenset[int] = frozenset()
+        self.deaf: CobIds = frozenset()
         """Node-IDs of those that receive nothing now: their plug is pulled."""
 
     @property
@@ -102,11 +102,11 @@ class PatchHost(Core):
         return bool(self._free)
 
     @property
-    def cob_ids(self) -> frozenset[int]:
+    def cob_ids(self) -> CobIds:
         """Identifiers that any device listens to, and SYNC: it asks the source even when none does."""
         return self._cob_ids
 
-    def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> Step:
+    def step(self, now_ns: int, frames: Frames = ()) -> Step:
         """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
         out: list[Frame] = []
         events: list[Event] = []
@@ -139,7 +139,7 @@ class PatchHost(Core):
         """When a device is to be stepped next, ns."""
         return min(self._scan_ns, self._wakes[0][0] if self._wakes else NEVER)
 
-    def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
+    def not_sent(self, now_ns: int, frames: Frames) -> None:
         """Have the EMCY messages among these frames sent again."""
         for i, device in enumerate(self.devices):
             device.not_sent(now_ns, frames)
@@ -206,9 +206,7 @@ class PatchHost(Core):
             self._cleared[i] = others & ~bits
             device.set(*place, others & bits)
 
-    def _step(
-        self, i: int, now_ns: int, frames: Sequence[Frame], out: list[Frame], events: list[Event]
-    ) -> None:
+    def _step(self, i: int, now_ns: int, frames: Frames, out: list[Frame], events: list[Event]) -> None:
         device = self.devices[i]
         step = device.step(now_ns, frames)
         out += step.frames

@@ -10,7 +10,7 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 
 from skinbus.can.core import NEVER
-from skinbus.can.frame import Frame
+from skinbus.can.frame import Frame, Frames
 from skinbus.errors import LocalProtocolError, SdoAborted
 from skinbus.node.dictionary import MAX_LENGTH, SdoAbort
 from skinbus.node.sdo_server import (
@@ -99,7 +99,7 @@ class SdoClient:
         self._first = b""
         self.wake_ns = NEVER
 
-    def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> list[Frame]:
+    def step(self, now_ns: int, frames: Frames = ()) -> list[Frame]:
         """Take frames (others than this server's answers are ignored) and return those to send."""
         out: list[bytes] = []
         if self._first:

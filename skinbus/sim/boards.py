@@ -7,7 +7,7 @@ from heapq import heappop, heappush
 
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event
-from skinbus.can.frame import Frame
+from skinbus.can.frame import CobIds, Frame, Frames
 from skinbus.node import Device, PatchHost
 from skinbus.sim.effect import FrameStep, at
 
@@ -17,7 +17,7 @@ class DriftingDevice(Device):
 
     ppm = 0.0
 
-    def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> Step:
+    def step(self, now_ns: int, frames: Frames = ()) -> Step:
         """As that of the device, at the time that its own clock shows."""
         speed = 1.0 + 1e-6 * self.ppm
         local_ns = round(now_ns * speed)
@@ -46,11 +46,11 @@ class SpoiltTraffic(Core):
         """When an effect has something to say, ns."""
 
     @property
-    def cob_ids(self) -> frozenset[int]:
+    def cob_ids(self) -> CobIds:
         """Identifiers that any device listens to."""
         return self._host.cob_ids
 
-    def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> Step:
+    def step(self, now_ns: int, frames: Frames = ()) -> Step:
         """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
         if frames or now_ns >= min(self._due_ns, self._host.wake_ns):
             out, events = self._hear(now_ns, frames)
@@ -63,7 +63,7 @@ class SpoiltTraffic(Core):
         out = self._held.release(now_ns) + self._held.sort_out(now_ns, out)
         return Step(out, events, min(self._due_ns, self._host.wake_ns, self._held.wake_ns))
 
-    def _hear(self, now_ns: int, frames: Sequence[Frame]) -> tuple[list[Frame], list[Event]]:
+    def _hear(self, now_ns: int, frames: Frames) -> tuple[list[Frame], list[Event]]:
         """Pass what effects leave of each frame to the devices; return what they say."""
         parts = [[frame] for frame in frames]
         if not self._is_on:

@@ -30,7 +30,7 @@ from pydantic import ConfigDict
 
 from skinbus.arrays import Floats, Ints32
 from skinbus.can.core import NEVER
-from skinbus.can.frame import Frame
+from skinbus.can.frame import CobIds, Frame
 from skinbus.errors import Fault, FaultList
 from skinbus.model import Arm
 
@@ -143,7 +143,7 @@ class FrameStep:
 
     wake_ns: int = NEVER
     """When to be called again at the latest, ns."""
-    deaf: frozenset[int] = frozenset()
+    deaf: CobIds = frozenset()
     """Node-IDs that receive nothing now."""
 
     def receive(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:

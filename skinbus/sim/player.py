@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from skinbus.can.frame import Frame
+from skinbus.can.frame import Frame, Frames
 from skinbus.objects.cia import HEARTBEAT_BASE, NMT_COMMAND_ID, SYNC_ID, NmtCommand
 from skinbus.sim.world import World
 
@@ -22,7 +20,7 @@ class Player:
         self._now_ns = self._wake_ns = self._n_syncs = 0
         self._run_to(BOOT_NS)
 
-    def cycle(self) -> Sequence[Frame]:
+    def cycle(self) -> Frames:
         """Send one SYNC and return everything that is said until the next is due."""
         self._n_syncs += 1
         overflow = self._world.scene.arm.bus.sync_counter
@@ -38,7 +36,7 @@ class Player:
         self._now_ns = until_ns
         return frames
 
-    def _say(self, frames: Sequence[Frame]) -> list[Frame]:
+    def _say(self, frames: Frames) -> list[Frame]:
         step = self._world.step(self._now_ns, frames)
         self._wake_ns = step.wake_ns
         said = list(step.frames)

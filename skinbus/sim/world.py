@@ -24,7 +24,7 @@ from canopen.objectdictionary import ObjectDictionary
 from skinbus.arrays import Ints32
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event
-from skinbus.can.frame import Frame
+from skinbus.can.frame import CobIds, Frame, Frames
 from skinbus.config.system import ods_of
 from skinbus.node import Device, PatchHost, Sample
 from skinbus.objects.cia import SYNC_ID
@@ -99,11 +99,11 @@ class World(Core):
         return len(self.hosts)
 
     @property
-    def cob_ids(self) -> frozenset[int]:
+    def cob_ids(self) -> CobIds:
         """Identifiers that any device on the first bus listens to."""
         return self.hosts[0].cob_ids
 
-    def cob_ids_on(self, bus: int) -> frozenset[int]:
+    def cob_ids_on(self, bus: int) -> CobIds:
         """Identifiers that any device on a bus listens to."""
         return self.hosts[bus].cob_ids
 
@@ -119,7 +119,7 @@ class World(Core):
         """Return the touches of the sample that was on its way at a bus time."""
         return self.scene.touches_at(self.scene_time(t_ns))
 
-    def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> Step:
+    def step(self, now_ns: int, frames: Frames = ()) -> Step:
         """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
         for frame in frames:
             if frame.can_id == SYNC_ID and not frame.flags:

@@ -17,7 +17,7 @@ import numpy as np
 
 from skinbus.bus.core_thread import CoreThread
 from skinbus.can.core import Core, Step
-from skinbus.can.frame import Frame, FrameBatch
+from skinbus.can.frame import CobIds, Frame, FrameBatch, Frames
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import BusError
 from skinbus.estimate import Baseline, Plausibility, TrackState
@@ -122,15 +122,15 @@ class ListenCore(Core):
         return len(self._arm.buses)
 
     @property
-    def cob_ids(self) -> frozenset[int]:
+    def cob_ids(self) -> CobIds:
         """Identifiers received on the first bus."""
         return self._ids[0]
 
-    def cob_ids_on(self, bus: int) -> frozenset[int]:
+    def cob_ids_on(self, bus: int) -> CobIds:
         """Identifiers received on a bus."""
         return self._ids[bus]
 
-    def data_ids_on(self, bus: int) -> frozenset[int]:
+    def data_ids_on(self, bus: int) -> CobIds:
         """Identifiers that carry readings."""
         return self._data_ids[bus]
 
@@ -142,7 +142,7 @@ class ListenCore(Core):
         patches = self._sent_by[frames["bus"], frames["can_id"]]
         self._fresh_ns[patches[patches >= 0]] = now_ns
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+    def step(self, now_ns: int, frames: Frames) -> Step:
         """Take frames; return requests to the master."""
         for frame in frames:
             p = self._sent_by[frame.bus, frame.can_id] if frame.can_id < N_IDS else -1
@@ -222,7 +222,7 @@ class ListenCore(Core):
         records["last_fresh_ns"], records["emcy"] = self._fresh_ns, self._emcy
         return records
 
-    def _request(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
+    def _request(self, now_ns: int, frames: Frames) -> list[Frame]:
         """Return what goes on of the transfers that the program asked for, one at a time."""
         if not self.requests:
             return []
