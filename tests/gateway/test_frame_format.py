@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 
 from skinbus.can.frame import EXTENDED, RTR, Frame
 from skinbus.errors import ArgumentError, ConfigError
@@ -70,7 +71,7 @@ def test_frames_are_read_as_their_source_says(name, address, frames, raw):
     for line in frames:
         receiver.take(frame(line, 7))
     sample = receiver.newest(7)
-    np.testing.assert_array_equal(sample.counts, found.counts(np.array(raw)))
+    assert_array_equal(sample.counts, found.counts(np.array(raw)))
     assert sample.t_ns == [7]
     assert sample.healthy.all()
     assert receiver.faults == [""]
@@ -85,7 +86,7 @@ def test_commands_are_those_of_the_source(name, kind, addresses, frames):
 
 def test_pressure_lets_readings_of_mtb4_fall_and_counts_rise():
     counts = load_format("icub-mtb4").counts(np.array([255, 240, 239, 0]))
-    np.testing.assert_array_equal(counts, [-15 << 7, 0, 1 << 7, 240 << 7])
+    assert_array_equal(counts, [-15 << 7, 0, 1 << 7, 240 << 7])
 
 
 @pytest.mark.parametrize(
@@ -133,7 +134,7 @@ def test_a_sample_is_never_put_together_from_two_periods():
     assert not receiver.newest(50 * ms).healthy.any()
     receiver.take(frame("410#C022222222220000", 51 * ms))
     sample = receiver.newest(51 * ms)
-    np.testing.assert_array_equal(sample.counts, (240 - 0x22) << 7)
+    assert_array_equal(sample.counts, (240 - 0x22) << 7)
     assert sample.t_ns == [50 * ms]
 
 
@@ -164,7 +165,7 @@ def test_what_a_double_sends_is_what_is_read(data):
     receiver = Receiver(found, [".".join("7" for _ in found.address)])
     for part in data.draw(st.permutations(sent)):
         receiver.take(Frame(*frame_of(found, part, raw)))
-    np.testing.assert_array_equal(receiver.newest(0).counts, found.counts(raw))
+    assert_array_equal(receiver.newest(0).counts, found.counts(raw))
 
 
 @given(st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8), st.integers(0, 10**9)), max_size=60))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from skinbus.cli import group
@@ -75,8 +76,8 @@ def test_tactels_are_where_the_file_says_on_the_surface_that_fits(tmp_path, surf
     turn = Rotation.from_euler("xyz", rpy, degrees=True)
     healthy = arm.tactel_healthy
     there = rows[rows.any(axis=1)]
-    np.testing.assert_allclose(turn.apply(points[healthy]) + 1e-3 * xyz, there[:, :3], atol=1e-4)
-    np.testing.assert_allclose(turn.apply(normals[healthy]), there[:, 3:] / 0.9, atol=5e-3)
+    assert_allclose(turn.apply(points[healthy]) + 1e-3 * xyz, there[:, :3], atol=1e-4)
+    assert_allclose(turn.apply(normals[healthy]), there[:, 3:] / 0.9, atol=5e-3)
 
 
 def test_each_triangle_with_tactels_is_a_patch_with_its_address(tmp_path):
@@ -119,7 +120,7 @@ def test_boards_are_laid_on_a_mesh(tmp_path):
     arm = load_arm(tmp_path / "out" / "l_upper_arm.toml", check_load=False)
     points, _ = arm.links[0].surface.position(arm.tactel_s, arm.tactel_a)
     there = rows[rows.any(axis=1), :3]
-    np.testing.assert_allclose(points[arm.tactel_healthy], there, atol=3e-4)
+    assert_allclose(points[arm.tactel_healthy], there, atol=3e-4)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 from numba.core.errors import TypingError
+from numpy.testing import assert_array_equal
 
 from skinbus.jit import inner_kernel, kernel
 
@@ -46,7 +47,7 @@ def test_items_of_arrays_by_indices_of_any_kind_and_operators_are_those_of_pytho
         ours, theirs = arrays(), arrays()
         assert pick(*ours, i) == _pick.py_func(*theirs, i)
         for ours_is, theirs_is in zip(ours, theirs, strict=True):
-            np.testing.assert_array_equal(ours_is, theirs_is)
+            assert_array_equal(ours_is, theirs_is)
 
 
 def test_what_has_no_type_is_refused_at_each_place():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Surface, grid
 
@@ -24,7 +25,7 @@ def test_bending_a_board_stretches_nothing(surface, s, turn, yaw):
     uv = arm.patches[0].patch.tactels_uv
     flat = np.hypot(*(uv[:, None] - uv[None]).transpose(2, 0, 1))
     bent = surface.distance(arm.tactel_s[:, None], arm.tactel_a[:, None], arm.tactel_s, arm.tactel_a)
-    np.testing.assert_allclose(bent, flat, atol=1e-12)
+    assert_allclose(bent, flat, atol=1e-12)
 
 
 @pytest.mark.parametrize("surface", SURFACES, ids=lambda s: s.kind)
@@ -32,17 +33,17 @@ def test_bending_a_board_stretches_nothing(surface, s, turn, yaw):
 def test_tactels_are_in_the_frame_of_their_board_where_the_board_has_them(surface, s, turn, yaw):
     arm = one(surface, s=s, a=turn * surface.width, yaw=yaw)
     uv = arm.on_board(0, arm.tactel_s, arm.tactel_a)
-    np.testing.assert_allclose(uv, arm.patches[0].patch.tactels_uv, atol=1e-12)
+    assert_allclose(uv, arm.patches[0].patch.tactels_uv, atol=1e-12)
 
 
 def test_u_is_along_s_and_v_along_a_unless_turned():
     straight = one(SURFACES[0])
     uv = straight.patches[0].patch.tactels_uv
-    np.testing.assert_allclose(straight.tactel_s - 0.15, uv[:, 0], atol=1e-15)
-    np.testing.assert_allclose(straight.tactel_a, uv[:, 1], atol=1e-15)
+    assert_allclose(straight.tactel_s - 0.15, uv[:, 0], atol=1e-15)
+    assert_allclose(straight.tactel_a, uv[:, 1], atol=1e-15)
     turned = one(SURFACES[0], yaw=0.5 * math.pi)
-    np.testing.assert_allclose(turned.tactel_s - 0.15, -uv[:, 1], atol=1e-15)
-    np.testing.assert_allclose(turned.tactel_a, uv[:, 0], atol=1e-15)
+    assert_allclose(turned.tactel_s - 0.15, -uv[:, 1], atol=1e-15)
+    assert_allclose(turned.tactel_a, uv[:, 0], atol=1e-15)
 
 
 @pytest.fixture
@@ -78,7 +79,7 @@ def test_facts_of_patches_are_spread_over_their_tactels(arm):
 def test_single_patch_takes_any_layout():
     uv = [[0.0, 0.0], [0.013, -0.002], [-0.004, 0.009]]
     arm = Arm.single_patch(uv, threshold=300.0, law=Cone(5e6))
-    np.testing.assert_allclose(np.stack([arm.tactel_s, arm.tactel_a], -1), uv)
+    assert_allclose(np.stack([arm.tactel_s, arm.tactel_a], -1), uv)
     assert arm.patches[0].patch.law.slope == 5e6
     assert (arm.tactel_threshold == 300.0).all()
     assert arm.links[0].surface.width == pytest.approx(0.028)
@@ -96,6 +97,6 @@ def test_arm_without_links_or_patches_is_refused():
 
 
 def test_grid_is_centred_and_counts_along_u_first():
-    np.testing.assert_allclose(grid(2, 2, 0.01), [[-5e-3, -5e-3], [5e-3, -5e-3], [-5e-3, 5e-3], [5e-3, 5e-3]])
-    np.testing.assert_allclose(grid(7, 3, 0.01).mean(axis=0), 0.0, atol=1e-17)
+    assert_allclose(grid(2, 2, 0.01), [[-5e-3, -5e-3], [5e-3, -5e-3], [-5e-3, 5e-3], [5e-3, 5e-3]])
+    assert_allclose(grid(7, 3, 0.01).mean(axis=0), 0.0, atol=1e-17)
     assert Patch.default().n_tactels == 16

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
 from skinbus.model import Surface
 
@@ -81,8 +82,8 @@ def test_small_steps_on_the_chart_are_as_long_in_space(surface):
         q, _ = surface.position(s2, a2)
         chord = np.linalg.norm(q - p, axis=-1)
         bend = step**3 / 0.04**2  # the chord is shorter than the arc by step^3 / (24 r^2)
-        np.testing.assert_allclose(chord, surface.distance(s, a, s2, a2), atol=bend + 1e-15)
-        np.testing.assert_allclose(chord, step, rtol=1e-3)
+        assert_allclose(chord, surface.distance(s, a, s2, a2), atol=bend + 1e-15)
+        assert_allclose(chord, step, rtol=1e-3)
 
 
 @pytest.mark.parametrize("surface", ALL, ids=lambda s: f"{s.kind} {s.taper:g}")
@@ -94,8 +95,8 @@ def test_normal_is_a_unit_vector_right_handed_with_s_and_a(surface):
     across = surface.position(s, a + h)[0] - surface.position(s, a - h)[0]
     cross = np.cross(along, across)
     cross /= np.linalg.norm(cross, axis=-1, keepdims=True)
-    np.testing.assert_allclose(np.linalg.norm(n, axis=-1), 1.0, atol=1e-14)
-    np.testing.assert_allclose(n, cross, atol=1e-8)
+    assert_allclose(np.linalg.norm(n, axis=-1), 1.0, atol=1e-14)
+    assert_allclose(n, cross, atol=1e-8)
 
 
 @given(st.floats(0.0, 0.3), st.floats(0.0, 0.3), st.floats(-0.18, 0.18), st.floats(-0.18, 0.18))
@@ -103,7 +104,7 @@ def test_a_hardly_tapered_cone_is_a_cylinder(s1, s2, a1, a2):
     nearly = Surface.cone(0.3, 0.06 - 1e-12, 0.06 + 1e-12)
     assert nearly.distance(s1, a1, s2, a2) == pytest.approx(float(TUBE.distance(s1, a1, s2, a2)), abs=1e-10)
     if abs(a1 - a2) < 0.49 * TUBE.period:  # the cut lies elsewhere by a rounding error
-        np.testing.assert_allclose(nearly.develop(s1, a1, a2), TUBE.develop(s1, a1, a2), atol=1e-10)
+        assert_allclose(nearly.develop(s1, a1, a2), TUBE.develop(s1, a1, a2), atol=1e-10)
 
 
 @given(surfaces(), st.floats(0.05, 0.95), st.floats(-0.49, 0.49), st.floats(-0.01, 0.02))
@@ -111,4 +112,4 @@ def test_point_over_the_surface_is_projected_to_its_foot_and_height(surface, s, 
     s, a = point(surface, s, a)
     foot, normal = surface.position(s, a)
     found = surface.project((foot + height * normal)[None])
-    np.testing.assert_allclose(np.ravel(found), [s, a, height], atol=1e-12)
+    assert_allclose(np.ravel(found), [s, a, height], atol=1e-12)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from skinbus.model import Cone, Radial, ResidualMap
 from skinbus.objects.board import calibration_values, decode_map, describe_patch
@@ -21,13 +22,13 @@ def test_calibration_goes_into_a_dcf_and_comes_back(law, tmp_path):
     values = calibration_values(load_eds("skin-patch", 1), law=law, gain=GAIN, noise=NOISE)
     write_dcf("skin-patch", tmp_path / "mine.dcf", values)
     patch = describe_patch(load_eds(tmp_path / "mine.dcf", 1))
-    np.testing.assert_allclose(patch.gain, GAIN, rtol=REAL32)
-    np.testing.assert_allclose(patch.noise, NOISE, rtol=REAL32)
+    assert_allclose(patch.gain, GAIN, rtol=REAL32)
+    assert_allclose(patch.noise, NOISE, rtol=REAL32)
     assert type(patch.law) is type(law)
     assert patch.law.exponent == pytest.approx(law.exponent, rel=REAL32)
     assert patch.law.misfit == pytest.approx(law.misfit, rel=REAL32)
     d = np.linspace(0.0, 0.02, 50)
-    np.testing.assert_allclose(patch.law.pressure(d, 5.0), law.pressure(d, 5.0), rtol=1e-6, atol=1e-3)
+    assert_allclose(patch.law.pressure(d, 5.0), law.pressure(d, 5.0), rtol=1e-6, atol=1e-3)
 
 
 def test_step_is_rounded_to_micrometres_and_the_table_follows(tmp_path):
@@ -36,7 +37,7 @@ def test_step_is_rounded_to_micrometres_and_the_table_follows(tmp_path):
     write_dcf("skin-patch", tmp_path / "mine.dcf", values)
     read = describe_patch(load_eds(tmp_path / "mine.dcf", 1)).law
     d = np.linspace(0.0, 0.019, 200)
-    np.testing.assert_allclose(read.profile(d), law.profile(d), atol=1e-4 * TABLE[0])
+    assert_allclose(read.profile(d), law.profile(d), atol=1e-4 * TABLE[0])
 
 
 def test_table_longer_than_the_dictionary_is_refused():
@@ -55,12 +56,12 @@ def test_response_goes_into_a_dcf_and_comes_back(tmp_path):
     )  # fmt: skip
     write_dcf("skin-patch", tmp_path / "mine.dcf", values)
     patch = describe_patch(load_eds(tmp_path / "mine.dcf", 1))
-    np.testing.assert_allclose(patch.width, width, rtol=REAL32)
-    np.testing.assert_allclose(patch.bias, bias, rtol=REAL32)
-    np.testing.assert_allclose(patch.law.misfit_profile, law.misfit_profile, rtol=1e-6)
+    assert_allclose(patch.width, width, rtol=REAL32)
+    assert_allclose(patch.bias, bias, rtol=REAL32)
+    assert_allclose(patch.law.misfit_profile, law.misfit_profile, rtol=1e-6)
     assert patch.law.typical_force == 7.5
     assert patch.residual_map.step == pytest.approx(2e-3)
-    np.testing.assert_allclose(patch.residual_map.values, found.values, atol=0.5 * 100.0 / 127.0)
+    assert_allclose(patch.residual_map.values, found.values, atol=0.5 * 100.0 / 127.0)
 
 
 @pytest.mark.parametrize("data", [b"\x01", bytes(8), b"\x10\x03\x00\x00" + bytes(4) + bytes(143)])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from skinbus.can import frame as bus_frame
 from skinbus.can.frame import ERROR, EXTENDED, FD, RTR, Frame, FrameBatch
@@ -109,11 +110,11 @@ def test_readings_of_can_fd_and_their_stamps_are_long_frames_both_ways(eds, n, f
     assert [(frame.can_id, len(frame.data), frame.flags) for frame in batch] == frames
     back, seen, stamps_back = np.zeros_like(counts), np.zeros(2, np.int32), plan.new_stamps()
     assert plan.unpack(batch, back, seen, stamps=stamps_back) == (len(frames), 0, 0)
-    np.testing.assert_array_equal(back, counts)
+    assert_array_equal(back, counts)
     assert (seen == plan.expected).all()
     assert plan.stamped[:, :2].all(), "counter and status"
     assert plan.stamped[:, 2:].any(axis=1).tolist() == [length != 64 for _, length, _ in frames], "and an age"
-    np.testing.assert_array_equal(stamps_back, stamps)
+    assert_array_equal(stamps_back, stamps)
     assert plan.cob_ids == {cob_id for cob_id, _, _ in frames}
     per_patch = len(frames) // 2
     assert plan.pdo_patch.tolist() == [0] * per_patch + [1] * per_patch

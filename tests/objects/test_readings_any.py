@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
@@ -116,8 +117,8 @@ def test_any_mapping_packs_and_unpacks_bit_by_bit(board, random):
         row["data"][:8] = np.frombuffer(noisy.to_bytes(8, "little"), np.uint8)
     got, seen = np.zeros(n, np.int32), np.zeros(1, np.int32)
     assert plan.unpack(batch, got, seen) == (len(carriers), 0, 0)
-    np.testing.assert_array_equal(got, sent)
-    np.testing.assert_array_equal(seen, plan.expected)
+    assert_array_equal(got, sent)
+    assert_array_equal(seen, plan.expected)
 
 
 @pytest.mark.parametrize("data_type", [7, 0x15, 0x1B])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from skinbus.robot import RobotFrames
 from tests.robot.robots import URDF, Columns, arm_on, columns_on, pinocchio, random_urdf
@@ -41,22 +42,22 @@ def assert_agrees_with_pinocchio(pin, urdf_text, arm, rng):
         point_L, normal_L = X_LS.act(point), X_LS.rotation @ normal
         point, normal = X_BL.act(point_L), X_BL.rotation @ normal_L
         points = [point_L, point, tool.actInv(point)]
-        np.testing.assert_allclose(placed.point[c], points, atol=EXACT)
-        np.testing.assert_allclose(placed.normal[c], [normal_L, normal, tool.rotation.T @ normal], atol=EXACT)
+        assert_allclose(placed.point[c], points, atol=EXACT)
+        assert_allclose(placed.normal[c], [normal_L, normal, tool.rotation.T @ normal], atol=EXACT)
         jacobian = np.zeros((6, 0))
         if model.nv:  # a model without a joint ends the process
             aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
             jacobian = pin.getFrameJacobian(model, data, number, aligned)
         jacobian = np.reshape(jacobian, (6, model.nv)).copy()  # one joint alone comes as a row
         jacobian[:3] += np.cross(jacobian[3:], point - X_BL.translation, axisa=0).T
-        np.testing.assert_allclose(placed.jacobian[c], jacobian[:, columns], atol=EXACT)
+        assert_allclose(placed.jacobian[c], jacobian[:, columns], atol=EXACT)
         others = np.delete(jacobian, columns, axis=1)
-        np.testing.assert_array_equal(others, 0.0)  # what is left out moves no skin
+        assert_array_equal(others, 0.0)  # what is left out moves no skin
         force = -contacts.force[c] * normal
         torques += jacobian[:3].T @ force
         wrench += np.concatenate([force, np.cross(point, force)])
-    np.testing.assert_allclose(placed.torques, torques[columns], atol=EXACT)
-    np.testing.assert_allclose(placed.base_wrench, wrench, atol=EXACT)
+    assert_allclose(placed.torques, torques[columns], atol=EXACT)
+    assert_allclose(placed.base_wrench, wrench, atol=EXACT)
 
 
 @pytest.mark.parametrize("robot", ["ur5e", "ur10e"])
@@ -120,10 +121,8 @@ def test_covariances_are_those_of_finite_differences(seed, tmp_path):
     for c in range(3):
         for frame in range(3):
             rows = np.arange(3) + 9 * c + 3 * frame
-            np.testing.assert_allclose(
-                placed.covariance[c, frame], expected[np.ix_(rows, rows)], rtol=1e-6, atol=1e-12
-            )
-    np.testing.assert_allclose(placed.torque_covariance, expected[27:, 27:], rtol=1e-6, atol=1e-9)
+            assert_allclose(placed.covariance[c, frame], expected[np.ix_(rows, rows)], rtol=1e-6, atol=1e-12)
+    assert_allclose(placed.torque_covariance, expected[27:, 27:], rtol=1e-6, atol=1e-9)
 
 
 def test_without_joint_positions_only_the_link_frame_is_valid():
@@ -134,6 +133,6 @@ def test_without_joint_positions_only_the_link_frame_is_valid():
     without, placed = frames.place(contacts, None), frames.place(contacts, np.ones(6))
     assert not without.valid
     assert placed.valid
-    np.testing.assert_allclose(without.point[:, 0], placed.point[:, 0], atol=1e-12)
+    assert_allclose(without.point[:, 0], placed.point[:, 0], atol=1e-12)
     for array in (without.point[:, 1:], without.normal[:, 1:], without.torques, without.base_wrench):
         assert np.isnan(array).all()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from skinbus.errors import ConfigError
 from skinbus.robot.mesh import MOST_TRIANGLES, load_mesh, mend
@@ -23,7 +24,7 @@ def test_a_mesh_is_read_from_each_format(tmp_path, kind):
     trimesh.Trimesh(points, triangles, process=False).export(path)
     mesh = load_mesh(path)
     assert (len(mesh.points), len(mesh.triangles)) == (162, 320)
-    np.testing.assert_allclose(np.linalg.norm(mesh.points, axis=1), 0.08, rtol=1e-6)
+    assert_allclose(np.linalg.norm(mesh.points, axis=1), 0.08, rtol=1e-6)
     middle = mesh.points[mesh.triangles].mean(axis=1)
     assert ((middle * mesh.normals()).sum(axis=1) > 0.0).all()
     assert not mesh.messages

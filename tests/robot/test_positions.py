@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from skinbus.errors import ArgumentError
 from skinbus.model import JointSettings, RobotSettings
@@ -40,8 +41,8 @@ def test_even_motion_is_exact_between_positions_and_after_the_newest():
         joints.set(ms * MS, 0.3 + rate * ms / 1e3)
     for ms in (1, 19, 20, 33, 40, 55, 90):
         q, sd = joints.at(ms * MS)
-        np.testing.assert_allclose(q, 0.3 + rate * ms / 1e3, atol=1e-12)
-        np.testing.assert_allclose(sd, 0.0, atol=1e-12)
+        assert_allclose(q, 0.3 + rate * ms / 1e3, atol=1e-12)
+        assert_allclose(sd, 0.0, atol=1e-12)
 
 
 def test_what_acceleration_does_is_within_the_standard_deviation():
@@ -54,7 +55,7 @@ def test_what_acceleration_does_is_within_the_standard_deviation():
         joints.set(ms * MS, [truth(ms)])
     for ms in (5, 30, 45, 60):
         q, sd = joints.at(ms * MS)
-        np.testing.assert_allclose(sd[0], math.hypot(q[0] - truth(ms), 1e-4), rtol=1e-6)
+        assert_allclose(sd[0], math.hypot(q[0] - truth(ms), 1e-4), rtol=1e-6)
 
 
 def test_positions_that_are_old_or_too_few_are_withheld():
@@ -96,10 +97,10 @@ def test_a_fixed_joint_is_always_known():
     for ms in (0, 20, 40):
         joints.set(ms * MS, {"j1": 0.1})
     q, sd = joints.at(50 * MS)
-    np.testing.assert_allclose(q, [0.7, 0.1])
-    np.testing.assert_allclose(sd, [0.01, 0.0], atol=1e-15)
+    assert_allclose(q, [0.7, 0.1])
+    assert_allclose(sd, [0.01, 0.0], atol=1e-15)
     q, _ = positions(("revolute",), JointSettings(name="j0", fixed=0.7)).at(0)
-    np.testing.assert_array_equal(q, [0.7])
+    assert_array_equal(q, [0.7])
 
 
 def test_a_joint_that_is_not_named_stays_where_it_was_until_that_is_too_old():
@@ -108,7 +109,7 @@ def test_a_joint_that_is_not_named_stays_where_it_was_until_that_is_too_old():
         joints.set(ms * MS, [0.3, 0.4])
     for ms in (60, 80):
         joints.set(ms * MS, {"j1": 0.4})
-    np.testing.assert_array_equal(joints.at(80 * MS)[0], [0.3, 0.4])
+    assert_array_equal(joints.at(80 * MS)[0], [0.3, 0.4])
     joints.set(100 * MS, {"j1": 0.4})
     assert joints.at(100 * MS) is None
 
@@ -136,4 +137,4 @@ def test_what_cannot_be_is_refused_and_changes_nothing():
             joints.set(0, bad)
     for ms in (0, 20, 40):
         joints.set(ms * MS, [0.0])
-    np.testing.assert_array_equal(joints.at(40 * MS)[0], [0.0, 1.0])
+    assert_array_equal(joints.at(40 * MS)[0], [0.0, 1.0])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import skinbus
 from skinbus.errors import ConfigError
@@ -28,7 +29,7 @@ def test_positions_are_linear_between_keys_and_stay_beyond_them(tmp_path):
     motion = scene_of(tmp_path, ARM, SCENE + MOVES).motion
     assert motion.names == ("first", "second")
     for t_s, degrees in ((0.0, 10.0), (0.5, 25.0), (0.9, 40.0), (7.0, 40.0)):
-        np.testing.assert_allclose(motion.positions(t_s), np.radians([degrees, 30.0]))
+        assert_allclose(motion.positions(t_s), np.radians([degrees, 30.0]))
 
 
 @pytest.mark.slow

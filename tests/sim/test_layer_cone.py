@@ -1,6 +1,7 @@
 """The cone as a layer law against model.law.Cone."""
 
 import numpy as np
+from numpy.testing import assert_allclose
 
 from skinbus.model import Cone
 from skinbus.sim.laws import ConeLaw
@@ -24,5 +25,5 @@ def test_point_tactels_read_the_cone_of_the_model(ring_arm):
     seam = surface.period / 2
     seen = pressures_of(ring_arm, Geometry.of(ring_arm, discs=False), one_load(0.055, seam, 8.0))
     d = surface.distance(ring_arm.tactel_s, ring_arm.tactel_a, 0.055, -seam)
-    np.testing.assert_allclose(seen, Cone().pressure(d, 8.0), atol=1e-6)
+    assert_allclose(seen, Cone().pressure(d, 8.0), atol=1e-6)
     assert (seen > 0).any()

@@ -6,6 +6,7 @@ from itertools import pairwise
 import mpmath
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.integrate import quad
 from scipy.special import j0, j1
 
@@ -59,7 +60,7 @@ def test_transfer_satisfies_the_boundary_conditions_solved_one_by_one(poisson, d
     xi = np.array([0.01, 1.0, 50.0, 200.0, 700.0, 3000.0])
     layer = {"thickness": H, "poisson": poisson, "depth": depth, "tangential": tangential}
     wanted = [solved_transfer(x, **layer) for x in xi]
-    np.testing.assert_allclose(transfer(xi, **layer), wanted, rtol=1e-9, atol=1e-15)
+    assert_allclose(transfer(xi, **layer), wanted, rtol=1e-9, atol=1e-15)
 
 
 def hankel(d, *, tactel, indenter, poisson=0.48):
@@ -97,16 +98,16 @@ def test_thick_layer_is_the_half_space_of_boussinesq():
         for poisson in (0.2, 0.48):
             k = profile(r, thickness=thickness, poisson=poisson, depth=depth)
             assert np.abs(k - wanted).max() < tolerance * wanted[0]
-    np.testing.assert_allclose(profile(r, thickness=depth, poisson=None), wanted, atol=1e-10 * wanted[0])
+    assert_allclose(profile(r, thickness=depth, poisson=None), wanted, atol=1e-10 * wanted[0])
 
 
 def test_thick_layer_under_a_tangential_load_is_the_half_space_of_cerruti():
     z, d = 0.002, np.linspace(0.0, 0.02, 41)
     given = profile(d, thickness=0.2, poisson=0.3, depth=z, tangential=True)
     expected = 3.0 * d * z * z / (2.0 * np.pi * (d * d + z * z) ** 2.5)
-    np.testing.assert_allclose(given, expected, atol=2e-4 * expected.max())
+    assert_allclose(given, expected, atol=2e-4 * expected.max())
     exact = profile(d, thickness=z, poisson=None, tangential=True)
-    np.testing.assert_allclose(exact, expected, atol=1e-10 * expected.max())
+    assert_allclose(exact, expected, atol=1e-10 * expected.max())
 
 
 @pytest.mark.parametrize("poisson", [0.3, 0.48])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame, FrameBatch
@@ -97,7 +98,7 @@ def test_counts_on_the_bus_are_the_pressures_of_the_scene(forearm):
     step = scene.arm.patches[0].patch.transducer.step
     for k in (0, 60, 120, 180, 249):
         wanted = scene.pressures(k / scene.arm.bus.rate_hz)
-        np.testing.assert_allclose(counts[k] * step, wanted, atol=0.51 * step)
+        assert_allclose(counts[k] * step, wanted, atol=0.51 * step)
     assert counts.max() > 3000
 
 

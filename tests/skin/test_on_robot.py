@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import skinbus
 from skinbus.errors import ArgumentError, LocalProtocolError
@@ -50,33 +51,31 @@ def test_a_contact_is_in_every_frame_where_the_moving_arm_has_it(scene):
         assert skin.joint_names == ("first", "second")
         assert np.isnan(skin.joints).all()
         cycles = run(skin, angles, 1.0)
-        np.testing.assert_array_equal(skin.joints, cycles[-1].joint_positions)
+        assert_array_equal(skin.joints, cycles[-1].joint_positions)
     touched = [cycle for cycle in cycles if cycle.contacts and cycle.t_ns > 0.6e9]
     assert len(touched) > 30
     for cycle in touched:
         (contact,) = cycle.contacts
         q = angles(1e-9 * cycle.t_ns)
         assert cycle.robot_valid
-        np.testing.assert_allclose(cycle.joint_positions, q, atol=1e-9)
+        assert_allclose(cycle.joint_positions, q, atol=1e-9)
         R, p = turn(*q)
         in_plate = np.array([contact.s, contact.a, 0.0])
-        np.testing.assert_allclose(contact.point, in_plate)
-        np.testing.assert_allclose(contact.point("surface"), in_plate)
-        np.testing.assert_allclose(contact.point("link"), in_plate)
-        np.testing.assert_allclose(contact.point("base"), R @ in_plate + p, atol=1e-9)
-        np.testing.assert_allclose(contact.normal("base"), R[:, 2], atol=1e-9)
+        assert_allclose(contact.point, in_plate)
+        assert_allclose(contact.point("surface"), in_plate)
+        assert_allclose(contact.point("link"), in_plate)
+        assert_allclose(contact.point("base"), R @ in_plate + p, atol=1e-9)
+        assert_allclose(contact.normal("base"), R[:, 2], atol=1e-9)
         force = -contact.force * R[:, 2]
-        np.testing.assert_allclose(contact.force_vector(), force, atol=1e-9)
-        np.testing.assert_allclose(cycle.joint_torques, contact.jacobian[:3].T @ force, atol=1e-9)
-        np.testing.assert_allclose(
-            cycle.robot.base_wrench, [*force, *np.cross(R @ in_plate + p, force)], atol=1e-9
-        )
-        np.testing.assert_allclose(contact.force_vector("link"), [0, 0, -contact.force], atol=1e-9)
+        assert_allclose(contact.force_vector(), force, atol=1e-9)
+        assert_allclose(cycle.joint_torques, contact.jacobian[:3].T @ force, atol=1e-9)
+        assert_allclose(cycle.robot.base_wrench, [*force, *np.cross(R @ in_plate + p, force)], atol=1e-9)
+        assert_allclose(contact.force_vector("link"), [0, 0, -contact.force], atol=1e-9)
         # even motion: the covariance is that of the contact, turned
         flat = np.zeros((3, 3))
         flat[:2, :2] = contact.covariance[:2, :2]
-        np.testing.assert_allclose(contact.point_covariance("link"), flat, rtol=1e-6, atol=1e-15)
-        np.testing.assert_allclose(contact.point_covariance("base"), R @ flat @ R.T, rtol=1e-4, atol=1e-12)
+        assert_allclose(contact.point_covariance("link"), flat, rtol=1e-6, atol=1e-15)
+        assert_allclose(contact.point_covariance("base"), R @ flat @ R.T, rtol=1e-4, atol=1e-12)
         assert (np.diagonal(cycle.robot.torque_covariance) > 0.0).all()
 
 

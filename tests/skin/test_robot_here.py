@@ -4,6 +4,7 @@ import os
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import skinbus
 from skinbus.config.system import load_arm
@@ -45,13 +46,13 @@ def test_shared_memory_with_an_arm_file_gives_what_the_process_of_the_master_giv
                 writer.write(cycle)
                 copy = attached.latest()
                 assert copy.robot_valid == cycle.robot_valid
-                np.testing.assert_array_equal(copy.joint_positions, cycle.joint_positions)
+                assert_array_equal(copy.joint_positions, cycle.joint_positions)
                 for ours, theirs in zip(copy.contacts, cycle.contacts, strict=True):
                     for frame in ("link", "base", "tool"):
-                        np.testing.assert_allclose(ours.point(frame), theirs.point(frame), atol=1e-12)
-                        np.testing.assert_allclose(ours.normal(frame), theirs.normal(frame), atol=1e-12)
+                        assert_allclose(ours.point(frame), theirs.point(frame), atol=1e-12)
+                        assert_allclose(ours.normal(frame), theirs.normal(frame), atol=1e-12)
                     n_compared += np.isfinite(ours.point("base")).all()
-                np.testing.assert_allclose(copy.joint_torques, cycle.joint_torques, atol=1e-12)
+                assert_allclose(copy.joint_torques, cycle.joint_torques, atol=1e-12)
                 angles = [1e-9 * cycle.ended_ns, 0.4 - 3e-10 * cycle.ended_ns]
                 for one in (skin, attached):
                     one.set_joints(angles, t_ns=cycle.ended_ns)

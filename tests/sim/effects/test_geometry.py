@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from skinbus.config.system import load_arm
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
@@ -24,7 +25,7 @@ def displacements(geometry, arm):
         shift = after.mean(axis=0) - before.mean(axis=0)
         x, y = (before - before.mean(axis=0)).T, (after - after.mean(axis=0)).T
         turn = np.arctan2((x[0] * y[1] - x[1] * y[0]).sum(), (x[0] * y[0] + x[1] * y[1]).sum())
-        np.testing.assert_allclose(np.hypot(*x), np.hypot(*y), atol=1e-9)
+        assert_allclose(np.hypot(*x), np.hypot(*y), atol=1e-9)
         out.append((*shift, turn))
     return np.array(out)
 
@@ -78,7 +79,7 @@ def test_gain_multiplies_all_that_a_tactel_reads():
     at = over_tactels()
     plain, spread = readings(Response(**QUIET), at), readings(Response(**{**QUIET, "gain": 0.1}), at)
     own = np.diag(spread) / np.diag(plain)
-    np.testing.assert_allclose(spread, plain * own, rtol=1e-9)
+    assert_allclose(spread, plain * own, rtol=1e-9)
     assert abs(own.std() / 0.1 - 1.0) < 0.25
 
 

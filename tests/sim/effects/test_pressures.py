@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import welch
 from scipy.stats import kstest
 
@@ -35,8 +36,8 @@ def test_preload_is_stiffness_times_stand_off(apply, forearm):
     wanted = 0.5e6 * w**2 / (2 * radius)
     for p in range(forearm.n_patches):
         around = surface.wrap(forearm.tactel_a[forearm.tactels_of(p)] - forearm.patch_a[p])
-        np.testing.assert_allclose(out[forearm.tactels_of(p)], 0.5e6 * around**2 / (2 * radius), atol=1e-6)
-    np.testing.assert_allclose(np.unique(np.round(out, 3)), np.unique(np.round(wanted, 3)))
+        assert_allclose(out[forearm.tactels_of(p)], 0.5e6 * around**2 / (2 * radius), atol=1e-6)
+    assert_allclose(np.unique(np.round(out, 3)), np.unique(np.round(wanted, 3)))
 
 
 # --- viscoelastic: relaxation and creep of a standard linear solid, with its time constants.
@@ -48,13 +49,13 @@ T = np.arange(0.0, 6.0, 1e-3)
 def test_pressure_relaxes_under_held_position(apply, pad):
     effect = Viscoelastic(relaxation=0.3, tau_s=0.8, control="position")
     out = apply(effect, 1000.0, T, arm=pad)[:, 0]
-    np.testing.assert_allclose(out, 1000.0 * (1.0 - 0.3 * (1.0 - np.exp(-T / 0.8))), rtol=1e-9)
+    assert_allclose(out, 1000.0 * (1.0 - 0.3 * (1.0 - np.exp(-T / 0.8))), rtol=1e-9)
 
 
 def test_reading_creeps_under_held_force(apply, pad):
     out = apply(Viscoelastic(relaxation=0.2, tau_s=0.8), 1000.0, T, arm=pad)[:, 0]
     tau = 0.8 / 0.8
-    np.testing.assert_allclose(out, 1000.0 * (1.0 + 0.25 * (1.0 - np.exp(-T / tau))), rtol=1e-9)
+    assert_allclose(out, 1000.0 * (1.0 + 0.25 * (1.0 - np.exp(-T / tau))), rtol=1e-9)
 
 
 # --- hysteresis: the width of the loop.
@@ -68,7 +69,7 @@ def test_loop_is_as_wide_as_its_parameter_and_closes_at_zero(apply, pad):
     half = np.searchsorted(up, 5e4)
     assert abs((falling[half] - rising[half]) / up[half] - 0.045) < 1e-6
     assert out[-1] == 0.0
-    np.testing.assert_allclose(0.5 * (falling[:half] + rising[:half]), up[:half], rtol=1e-9)
+    assert_allclose(0.5 * (falling[:half] + rising[:half]), up[:half], rtol=1e-9)
 
 
 # --- gain_spread, offset, noise: normally distributed, fixed for the run or new for each sample.
@@ -104,7 +105,7 @@ def test_divider_is_the_voltage_over_its_load_resistor(apply, pad):
     with np.errstate(divide="ignore"):
         resistance = 10e3 * full / p
     volts = 5.0 * 5e3 / (5e3 + resistance)
-    np.testing.assert_allclose(out[:, 0], full * volts / volts[-1], rtol=1e-12, atol=1e-9)
+    assert_allclose(out[:, 0], full * volts / volts[-1], rtol=1e-12, atol=1e-9)
 
 
 # --- thermal: zeros and gains follow the temperatures of the boards, touched or not.
@@ -118,7 +119,7 @@ def test_warm_up_has_its_time_constant(apply, pad):
     effect = Thermal(start_c=-5.0, end_c=15.0, tau_s=600.0, zero_pa_per_k=0.0, **ALIKE)
     out = apply(effect, 1e4, t, arm=pad)[:, 0]
     degrees = 15.0 - 20.0 * np.exp(-t / 600.0)
-    np.testing.assert_allclose(out, 1e4 * (1.0 + 0.0036 * degrees))
+    assert_allclose(out, 1e4 * (1.0 + 0.0036 * degrees))
     assert out[0] == 1e4 * (1.0 - 0.0036 * 5.0)
 
 
@@ -133,7 +134,7 @@ def test_reading_gains_its_share_in_every_decade(apply, pad):
     assert np.abs(out - wanted)[late].max() < 0.05 * 0.05 * 1e4, "5 % of one decade's drift"
     assert np.abs(out - wanted)[t <= 1e4].max() < 0.25 * 0.05 * 1e4
     decades = np.interp([10.0, 100.0, 1e3, 1e4], t, out)
-    np.testing.assert_allclose(np.diff(decades), 500.0, rtol=0.08)
+    assert_allclose(np.diff(decades), 500.0, rtol=0.08)
 
 
 # --- dead: the right tactels, from the right time on.
@@ -165,7 +166,7 @@ def test_it_is_the_matrix_it_says(apply, forearm):
     others = ~np.eye(forearm.n_tactels, dtype=bool)
     matrix = 0.03 * ((rows[:, None] == rows) & others) + 0.01 * ((columns[:, None] == columns) & others)
     out = apply(Crosstalk(row=0.03, column=0.01), p, [0.0])[0]
-    np.testing.assert_allclose(out, p + matrix @ p, rtol=1e-12)
+    assert_allclose(out, p + matrix @ p, rtol=1e-12)
 
 
 # --- flicker: a density that falls as one over the frequency, of the right size.
@@ -202,7 +203,7 @@ def test_neighbours_share_a_burst_with_one_sign_and_farther_ones_less(apply, pad
         strongest = np.abs(row).argmax()
         away = np.hypot(pad.tactel_s - pad.tactel_s[strongest], pad.tactel_a - pad.tactel_a[strongest])
         near = row[(away > 0.0) & (away < 0.0101)] / row[strongest]
-        np.testing.assert_allclose(near, np.exp(-0.5 * (10.0 / 12.0) ** 2), rtol=1e-6)
+        assert_allclose(near, np.exp(-0.5 * (10.0 / 12.0) ** 2), rtol=1e-6)
 
 
 # --- adc: steps of the right width, inside the range, left-adjusted.
@@ -233,6 +234,6 @@ def test_named_tactels_repeat_the_reading_of_their_time(apply, pad):
     counts = np.arange(6, dtype=np.int32)[:, None] * 100 + np.arange(16)
     effect = Stuck(tactels=((1, 4),), share=0.0, from_s=2.0)
     out = apply(effect, counts, np.arange(6.0), arm=pad, dtype=np.int32)
-    np.testing.assert_array_equal(out[:, 3], [3, 103, 203, 203, 203, 203])
+    assert_array_equal(out[:, 3], [3, 103, 203, 203, 203, 203])
     others = np.delete(np.arange(16), 3)
-    np.testing.assert_array_equal(out[:, others], counts[:, others])
+    assert_array_equal(out[:, others], counts[:, others])

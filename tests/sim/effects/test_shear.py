@@ -1,6 +1,7 @@
 """shear: what an inclined push adds, and friction; its layer is in ``tests/sim/test_layer_elastic.py``."""
 
 import numpy as np
+from numpy.testing import assert_allclose, assert_array_equal
 
 from skinbus.config.system import load_arm
 from skinbus.sim.bonded_layer import profile
@@ -36,7 +37,7 @@ def test_push_adds_pressure_ahead_and_takes_as_much_away_behind():
     assert (more[s < -1e-3] < 0.0).all()
     d = np.hypot(s, a)
     k1 = profile(d, thickness=0.006, poisson=0.48, tactel_radius=0.5 * 9.53e-3, tangential=True)
-    np.testing.assert_allclose(more, 0.4 * 8.0 * k1 * s / d, atol=2.0)
+    assert_allclose(more, 0.4 * 8.0 * k1 * s / d, atol=2.0)
 
 
 def test_push_slips_at_friction_and_sticks_below():
@@ -44,5 +45,5 @@ def test_push_slips_at_friction_and_sticks_below():
     straight = pressures(pad, None)
     at = {mu: pressures(pad, mu, inclination=0.5, direction=1.0) - straight for mu in (0.0, 0.25, 0.5, 2.0)}
     assert not at[0.0].any()
-    np.testing.assert_allclose(at[0.25], 0.5 * at[0.5], atol=1e-6)
-    np.testing.assert_array_equal(at[2.0], at[0.5])
+    assert_allclose(at[0.25], 0.5 * at[0.5], atol=1e-6)
+    assert_array_equal(at[2.0], at[0.5])
