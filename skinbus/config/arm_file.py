@@ -6,10 +6,10 @@ load) is checked where their EDS files are known, in ``objects.arm``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 from pydantic import ValidationError
 
@@ -19,6 +19,7 @@ from skinbus.config.arm_tables import (
     BusTable,
     LinkTable,
     MeshTable,
+    Mounted,
     PatchTable,
     RingTable,
     Table,
@@ -26,7 +27,7 @@ from skinbus.config.arm_tables import (
     is_path,
 )
 from skinbus.config.placement import Mounting, mount
-from skinbus.config.robot_tables import JointTable, RobotTable, check_bus, robot_settings
+from skinbus.config.robot_tables import JointTable, RobotTable, robot_settings
 from skinbus.config.toml_file import find_toml, read_toml
 from skinbus.config.wording import faults_of, nearest
 from skinbus.errors import Fault, FaultList
@@ -47,7 +48,16 @@ MAX_SHOWN: Final = 64
 
 _FOLDER: Final = Path(__file__).parent / "arms"
 
-_TABLES: Final = ("arm", "bus", "link", "patch", "ring", "robot", "joint")
+_MODELS: Final[dict[str, type[Table]]] = {
+    "bus": BusTable,
+    "link": LinkTable,
+    "patch": PatchTable,
+    "ring": RingTable,
+    "joint": JointTable,
+}
+"""Of arrays of tables."""
+
+_TABLES: Final = sorted(["arm", "robot", *_MODELS])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,45 +109,37 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
         Fault(key, None, f"{known}{nearest(key, _TABLES)}") for key in tables if key not in _TABLES
     )
     arm = _check(ArmTable, tables.get("arm", {}), "arm", faults)
-    buses = _check_all(BusTable, tables, "bus", faults)
-    links = _check_all(LinkTable, tables, "link", faults)
-    for kind, found, most in (("bus", buses, MAX_BUSES), ("link", links, MAX_LINKS)):
-        if len(found) > most:
-            faults.append(Fault(kind, f"{len(found)} tables", f"at most {most}"))
-    patches = _check_all(PatchTable, tables, "patch", faults)
-    rings = _check_all(RingTable, tables, "ring", faults)
-    _check_unique("name", [(key, bus.name) for key, bus in buses], faults)
-    _check_unique("name", [(key, link.name) for key, link in links], faults)
-    _check_unique(
-        "channel", [(key, (bus.interface, bus.channel)) for key, bus in buses if bus.channel], faults
-    )
+    checked = {kind: list(_check_all(tables, kind, faults)) for kind in _MODELS}
+    for kind, most in (("bus", MAX_BUSES), ("link", MAX_LINKS)):
+        if (n := len(checked[kind])) > most:
+            faults.append(Fault(kind, f"{n} tables", f"at most {most}"))
+    links, boards = checked["link"], checked["patch"] + checked["ring"]
+    for kind in ("bus", "link", "joint"):
+        _check_unique("name", [(key, table.name) for key, table in checked[kind]], faults)
+    channels = [(key, (bus.interface, bus.channel)) for key, bus in checked["bus"] if bus.channel]
+    _check_unique("channel", channels, faults)
     if not tables.get("link"):
         faults.append(Fault("link", None, "at least one [[link]]"))
     if not tables.get("patch") and not tables.get("ring"):
         faults.append(Fault("patch", None, "at least one [[patch]] or [[ring]]"))
     robot = _check(RobotTable, tables["robot"], "robot", faults) if "robot" in tables else None
-    joints = _check_all(JointTable, tables, "joint", faults)
-    _check_unique("name", [(key, joint.name) for key, joint in joints], faults)
     carrier = None
     if robot is not None or "robot" not in tables:  # one with faults of its own is reported there
         rate_hz = arm.rate_hz if arm else 1.0  # an arm without it is refused
-        carrier = robot_settings(robot, joints, links, rate_hz, path, faults)
+        carrier = robot_settings(robot, checked["joint"], links, rate_hz, path, faults)
     named = {link.name: (i, link) for i, (_, link) in enumerate(links)}
-    mountings = mount(patches, rings, named, _names(tables, "link"), faults)
-    mountings = _plug_in(mountings, [*patches, *rings], _names(tables, "bus"), faults)
+    mountings = mount(checked["patch"], checked["ring"], named, _names(tables, "link"), faults)
+    mountings = _plug_in(mountings, boards, _names(tables, "bus"), faults)
     _check_unique("node_id", [(m.key, (m.bus, m.node_id)) for m in mountings], faults)
     return ArmFile(
         path=path,
         name=arm.name if arm else "",
-        buses=_buses(arm or ArmTable(name="?"), buses),
+        buses=_buses(arm or ArmTable(name="?"), checked["bus"]),
         links=tuple(link for _, link in links),
         mountings=tuple(mountings),
         robot=carrier,
         faults=faults,
     )
-
-
-_T = TypeVar("_T", bound=Table)
 
 
 def _tables(tables: dict[str, Any], kind: str) -> list[Any]:
@@ -150,7 +152,7 @@ def _names(tables: dict[str, Any], kind: str) -> list[Any]:
     return [table.get("name") for table in _tables(tables, kind)[:MAX_SHOWN] if isinstance(table, dict)]
 
 
-def _check(model: type[_T], table: Any, key: str, faults: list[Fault]) -> _T | None:
+def _check(model: type[Table], table: Any, key: str, faults: list[Fault]) -> Any:
     """Return the checked table, or None and its faults."""
     try:
         return model.model_validate(table)
@@ -159,24 +161,18 @@ def _check(model: type[_T], table: Any, key: str, faults: list[Fault]) -> _T | N
         return None
 
 
-def _check_all(
-    model: type[_T], tables: dict[str, Any], kind: str, faults: list[Fault]
-) -> list[tuple[str, _T]]:
-    """Return the checked tables of an array of tables with their keys, numbered from 1."""
-    checked = []
+def _check_all(tables: dict[str, Any], kind: str, faults: list[Fault]) -> Iterator[tuple[str, Any]]:
+    """Yield the checked tables of an array of tables with their keys, numbered from 1."""
     for i, table in enumerate(_tables(tables, kind), 1):
-        key = f"{kind}[{i}]"
-        own: type[Any] = model
-        if model is LinkTable and isinstance(table, dict):
+        key, model = f"{kind}[{i}]", _MODELS[kind]
+        if kind == "link" and isinstance(table, dict):
             surface = table.get("surface")
             if str(surface) not in SURFACES:
                 faults.append(Fault(f"{key}.surface", surface, f"one of {', '.join(SURFACES)}"))
                 continue
-            own = SURFACES[str(surface)]
-        result = _check(own, table, key, faults)
-        if result is not None:
-            checked.append((key, result))
-    return checked
+            model = SURFACES[str(surface)]
+        if (checked := _check(model, table, key, faults)) is not None:
+            yield key, checked
 
 
 def _check_unique(name: str, values: Sequence[tuple[str, Any]], faults: list[Fault]) -> None:
@@ -203,13 +199,17 @@ def _buses(arm: ArmTable, buses: list[tuple[str, BusTable]]) -> tuple[BusSetting
 
 def _plug_in(
     mountings: list[Mounting],
-    tables: Sequence[tuple[str, PatchTable | RingTable]],
+    tables: Sequence[tuple[str, Mounted]],
     names: list[Any],
     faults: list[Fault],
 ) -> list[Mounting]:
-    """Return the patches with their buses, in the order of these; with one bus, it need not be said."""
-    for key, table in tables:
-        check_bus(key, table.bus, names, faults)
+    """Return the patches with their buses, in the order of these."""
+    wanted = (
+        f"the name of a bus: {', '.join(map(str, names))}" if names else "no such key: there is no [[bus]]"
+    )
+    for key, table in tables:  # with one bus or none, it need not be said
+        if table.bus not in (names if len(names) > 1 else [None, *names]):
+            faults.append(Fault(f"{key}.bus", table.bus, wanted))
     number = {key: names.index(table.bus) if table.bus in names else 0 for key, table in tables}
     placed = [replace(m, bus=number[m.key.partition("#")[0]]) for m in mountings]
     used = {m.bus for m in placed}

@@ -48,17 +48,6 @@ class JointTable(Table):
     sd_mm: NotNegative | None = None
 
 
-def check_bus(key: str, bus: str | None, buses: Sequence[str], faults: list[Fault]) -> None:
-    """Add the fault of a bus that a table names: with one bus or none, it need not be said."""
-    if (bus is None and len(buses) > 1) or (bus is not None and bus not in buses):
-        wanted = (
-            f"the name of a bus: {', '.join(map(str, buses))}"
-            if buses
-            else "no such key: there is no [[bus]]"
-        )
-        faults.append(Fault(f"{key}.bus", bus, wanted))
-
-
 def robot_settings(
     robot: RobotTable | None,
     joints: Sequence[tuple[str, JointTable]],
