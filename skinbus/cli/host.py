@@ -10,7 +10,6 @@ from types import TracebackType
 from typing import Any, Self
 
 from skinbus.bus.core_thread import CoreThread
-from skinbus.bus.interface import Bus
 from skinbus.bus.loop import LoopReport
 from skinbus.can.core import Core
 from skinbus.can.event import Event, EventKind
@@ -68,7 +67,7 @@ def compiling(console: Console) -> Iterator[None]:
 
 def run_to_end(core: Core, place: BusAddress, say: Callable[[str], Any] = print) -> None:
     """Run a core on a bus until it stops by itself, or is asked to end."""
-    with Host(core, place.open, say=say) as host:
+    with Host(core, [place], say=say) as host:
         host.wait(None, QUICK_S)
 
 
@@ -81,7 +80,8 @@ class Host:
     def __init__(
         self,
         core: Core,
-        *open_buses: Callable[[], Bus],
+        places: Sequence[BusAddress],
+        *,
         final_frames: Callable[[int], Sequence[Frame]] | None = None,
         say: Callable[[str], Any] = print,
         urgent: bool = False,
@@ -90,7 +90,7 @@ class Host:
     ) -> None:
         """``final_frames`` returns the last frames to send, when the core has been stopped.
 
-        ``open_buses`` and, for messages, ``names`` are those of the core's buses.
+        ``places`` and, for messages, ``names`` are those of the core's buses.
         Events are shown through ``say``. With ``urgent`` the
         core's thread comes before all others; with that or ``steady`` garbage is collected in pauses only.
         """
@@ -99,7 +99,7 @@ class Host:
         self._ending = Ending()
         self._thread = CoreThread(
             core,
-            *open_buses,
+            *(place.open for place in places),
             final_frames=final_frames,
             on_event=self._show,
             complain=say,

@@ -132,12 +132,12 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def figures_wanted() -> Iterator[None]:
-    """Turn a missing matplotlib into one clear message."""
+def extra_wanted(name: str) -> Iterator[None]:
+    """Turn a missing library of an extra into one clear message."""
     try:
         yield
     except ImportError as error:
-        raise SkinbusError(f"figures need matplotlib ({error}); pip install 'skinbus[figures]'") from error
+        raise SkinbusError(f"this needs {error.name}: pip install 'skinbus[{name}]'") from error
 
 
 def folder(ctx: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:

@@ -41,9 +41,9 @@ class BusAddress(NamedTuple):
         return f"{self.interface} {self.channel}" if self.channel else self.interface
 
 
-def open_to_listen(place: BusAddress) -> Bus:
-    """Open an interface for all that may come on it, long frames too where it carries them."""
-    return open_interface(place.interface, place.channel, bitrate=place.bitrate, fd=carries_fd(place))
+def to_listen(place: BusAddress) -> BusAddress:
+    """Return a place that is opened for all that may come there, long frames too where it carries them."""
+    return place._replace(data_bitrate=place.data_bitrate or place.bitrate) if carries_fd(place) else place
 
 
 def carries_fd(place: BusAddress) -> bool:

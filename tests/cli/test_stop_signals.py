@@ -11,6 +11,7 @@ from skinbus.can.frame import Frame
 from skinbus.cli.host import Host
 from skinbus.cli.stop_signals import Ending
 from skinbus.objects import cia
+from skinbus.skin.addresses import BusAddress
 
 ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 FAREWELL = Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.PRE_OPERATIONAL, 0]))
@@ -33,7 +34,7 @@ def test_a_signal_in_a_wait_ends_it_and_the_farewell_goes_out(number):
     with PythonCanBus("virtual", channel) as ear:
         host = Host(
             Idle(),
-            lambda: PythonCanBus("virtual", channel),
+            [BusAddress("virtual", channel, 1_000_000)],
             final_frames=lambda t: [FAREWELL],
             say=said.append,
         )

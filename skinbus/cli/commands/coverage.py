@@ -10,7 +10,7 @@ import click
 from skinbus.cli import output
 from skinbus.cli.console import WIDE, Console
 from skinbus.cli.options import Range, file_option
-from skinbus.cli.output import figures_wanted
+from skinbus.cli.output import extra_wanted
 
 if TYPE_CHECKING:
     from skinbus.planning.coverage import Coverage
@@ -58,7 +58,7 @@ def command(arm: str, force: float, step_mm: float, figure: Path | None) -> None
     console.table(TITLES, map(_row, links))
     console.print(f"{arm}: a contact of {force:g} N; {NOTE}")
     if figure:
-        with figures_wanted():
+        with extra_wanted("figures"):
             _draw(links, figure)
         console.print(f"wrote {figure}")
 

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from skinbus.cli.options import file_option, level_option, log_channels_option, zero_option
-from skinbus.cli.output import echo, try_to_write, whole_file
+from skinbus.cli.output import echo, extra_wanted, try_to_write, whole_file
 from skinbus.config.system import load_arm
-from skinbus.errors import SkinbusError
 
 if TYPE_CHECKING:
     from skinbus.model import Arm
@@ -53,13 +52,11 @@ def command(log: str | None, arm: str, out: Path, channels: tuple[str, ...], lev
         wanted = "a DBC is made of the arm alone" if log else "give the recording"
         raise click.UsageError(f"{wanted}: LOG --arm ARM --out FILE, or --arm ARM --out FILE.dbc")
     loaded = load_arm(arm, check_load=False)
-    try:
+    with extra_wanted("export"):
         if log:
             _write_recording(Path(log), loaded, out, channels, level=level, zero=zero)
         else:
             _write_dbc(loaded, out)
-    except ImportError as error:
-        raise SkinbusError(f"{out}: needs {error.name}; pip install 'skinbus[export]'") from error
 
 
 def _write_dbc(arm: Arm, out: Path) -> None:

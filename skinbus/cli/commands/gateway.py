@@ -53,7 +53,7 @@ def command(
         raise AddressError(f"--from and --to are both {places[0]}; the skin needs a bus of its own")
     host = Host(
         gateway,
-        *(place.open for place in places),
+        places,
         final_frames=gateway.stop_frames,
         names=["CANopen", "skin"],
     )

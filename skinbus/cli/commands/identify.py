@@ -119,7 +119,7 @@ def talk(dialogue: Identification, arm: Arm, place: BusAddress, console: Console
             for text in dialogue.step(*cycles.popleft(), answers):
                 say(text)
 
-    with Host(master, place.open, final_frames=master.stop, say=say) as host:
+    with Host(master, [place], final_frames=master.stop, say=say) as host:
         host.wait_until(lambda: dialogue.is_over, QUICK_S, go_on)
     dialogue.is_quit |= not dialogue.is_over
 

@@ -80,7 +80,7 @@ def command(
     if frame_bytes(od) > CLASSIC_BYTES:
         place = place._replace(data_bitrate=place.bitrate)
     clock, stop = MonotonicClock(), threading.Event()
-    host = Host(PatchHost([Device(od, node_id, storage={})], reader.newest), place.open, steady=True)
+    host = Host(PatchHost([Device(od, node_id, storage={})], reader.newest), [place], steady=True)
     echo(f"{eds}: node {node_id} of {counted(patch.n_tactels, 'tactel')} on {place}; Ctrl-C stops")
     # not waited for at the end: it may hang
     threading.Thread(target=reader.run, args=(clock, 1.0 / rate_hz, stop), name="reader", daemon=True).start()

@@ -22,7 +22,7 @@ from skinbus.cli.options import DEFAULT_BITRATE, Where, bus_options, seconds_opt
 from skinbus.cli.output import echo
 from skinbus.config.system import load_arm
 from skinbus.model import BusSettings
-from skinbus.skin.addresses import open_to_listen, shown
+from skinbus.skin.addresses import shown, to_listen
 
 
 def new_file(ctx: click.Context, parameter: click.Parameter, value: str | None) -> str:
@@ -73,7 +73,7 @@ def command(
         try:
             host = Host(
                 recorder,
-                *(partial(open_to_listen, place) for place in places),
+                [*map(to_listen, places)],
                 names=names,
                 say=partial(console.print, soft_wrap=True),
                 steady=True,

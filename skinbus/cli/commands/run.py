@@ -112,7 +112,7 @@ def command(
             refuse_other_master(ear, place, 2.0 / loaded.bus.rate_hz)
     host = Host(
         run.master,
-        *(place.open for place in places),
+        places,
         names=[bus.name for bus in loaded.buses],
         final_frames=run.master.stop,
         say=run.say,

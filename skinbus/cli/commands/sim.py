@@ -42,7 +42,7 @@ def command(
     places = where.places(*buses)
     world = World(played, ods_of(arm), repeat=True, buses=numbers)
     # A collection of all that a world of 126 patches is made of takes half a second: five cycles.
-    host = Host(world, *(place.open for place in places), names=[bus.name for bus in buses], steady=True)
+    host = Host(world, places, names=[bus.name for bus in buses], steady=True)
     n = len(world.devices)
     echo(f"{played.name}: {counted(n, 'patch')} of {arm.name} on {shown(places)}; Ctrl-C stops")
     with host:

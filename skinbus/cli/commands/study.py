@@ -9,7 +9,7 @@ import click
 
 from skinbus.cli import output
 from skinbus.cli.console import Console
-from skinbus.cli.output import figures_wanted
+from skinbus.cli.output import extra_wanted
 from skinbus.cli.progress import progress
 
 
@@ -59,7 +59,7 @@ def arm(arms: tuple[str, ...], folder: Path, trials: int) -> None:
     from skinbus.study import arm_study
     from skinbus.study.paper import write_table
 
-    with figures_wanted():
+    with extra_wanted("figures"):
         from skinbus.study.draw import save
 
     loaded = [load_arm(name, check_load=False) for name in arms or ("forearm",)]
@@ -91,7 +91,7 @@ def paper(folder: Path, trials: int) -> None:
     """
     from skinbus.study.paper import N_CELLS, make_all
 
-    with figures_wanted():
+    with extra_wanted("figures"):
         import skinbus.study.draw  # noqa: F401  refused now, not after minutes
 
     console = Console()

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from skinbus.cli.options import Where, bus_options, level_option, seconds_option
-from skinbus.cli.output import echo
+from skinbus.cli.output import echo, extra_wanted
 from skinbus.cli.stop_signals import Ending
-from skinbus.errors import SkinbusError
 
 if TYPE_CHECKING:
     from skinbus.model import Arm
@@ -83,10 +82,8 @@ def command(
       skinbus view field.log --arm my-arm.toml
       skinbus view my-scene.toml --port 8081
     """
-    try:
+    with extra_wanted("view"):
         from skinbus.view.web.page import Page
-    except ModuleNotFoundError as error:
-        raise SkinbusError(f"the page needs {error.name}: pip install 'skinbus[view]'") from error
     from skinbus.config.system import load_arm
     from skinbus.skin.replayed import replay
     from skinbus.view.web.follower import Follower
