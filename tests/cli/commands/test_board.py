@@ -91,15 +91,6 @@ def test_positions_that_cannot_be_are_refused_and_nothing_is_written(tmp_path, t
     assert not out.exists()
 
 
-def test_a_new_board_does_not_replace_a_file_and_says_nothing_of_its_origin(eds):
-    before = eds.read_text()
-    again = run("new", "--grid", "4x4", "--pitch-mm", "10", "--bits", "8", "--out", eds)
-    assert again.exit_code == 2
-    assert "is there already; it would be lost" in " ".join(again.output.replace("│", " ").split())
-    assert "no output" not in again.output
-    assert eds.read_text() == before
-
-
 def test_a_new_board_passes_its_check_and_a_spoilt_one_is_refused_with_all_its_faults(eds):
     assert "no fault; 36 tactels on 49 x 49 mm, 5 TPDOs" in run("lint", eds).output
     text = eds.read_text()
@@ -110,23 +101,7 @@ def test_a_new_board_passes_its_check_and_a_spoilt_one_is_refused_with_all_its_f
     assert "0x40000180" in str(spoilt.exception) or "0x180" in str(spoilt.exception)
 
 
-@pytest.mark.parametrize("grid", ["6", "6x", "9x9", "0x4"])
-def test_a_grid_that_is_none_is_refused(grid, tmp_path):
-    result = run("new", "--grid", grid, "--pitch-mm", "8", "--out", tmp_path / "x.eds")
-    assert result.exit_code == 2
-    assert not (tmp_path / "x.eds").exists()
-
-
 INPUTS = ("--pitch-mm", "10", "--full-scale-kpa", "500")
-
-
-@pytest.mark.parametrize("kpa", ["inf", "nan", "-60", "0", "1e12"])
-def test_a_full_scale_that_is_none_is_refused_and_nothing_is_written(kpa, tmp_path):
-    out = tmp_path / "b.eds"
-    result = run("new", "--grid", "4x4", "--pitch-mm", "8", "--full-scale-kpa", kpa, "--out", out)
-    assert result.exit_code == 2
-    assert f"full scale of {float(kpa):g} kPa" in result.output
-    assert not out.exists()
 
 
 def test_an_analogue_module_of_others_becomes_a_board_of_an_arm(tmp_path):

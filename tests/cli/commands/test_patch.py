@@ -19,18 +19,3 @@ def test_example_reader_passes_the_check_of_boards(skinbus, group, monkeypatch):
     answer = CliRunner().invoke(cli, words)
     rows = passed_rows(answer.output)
     assert [["pass", name] in rows for name in ("channels", "at", "EMCY")] == [True] * 3, answer.output
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("made_up_pad", "wanted MODULE:FUNCTION"),
-        ("no_such_module:read", "No module named 'no_such_module'"),
-        ("math:no_such_function", "no_such_function"),
-        ("math:pi", "math:pi is of type float; wanted a function"),
-    ],
-)
-def test_words_that_name_no_function_are_refused(words, said):
-    answer = CliRunner().invoke(cli, ["patch", "skin-patch", "--node", "5", "--reader", words])
-    assert answer.exit_code == 2
-    assert said in " ".join(answer.output.split())

@@ -11,7 +11,6 @@ from click.testing import CliRunner
 from skinbus.can.candump import format_line
 from skinbus.can.frame import ERROR, RTR, Frame
 from skinbus.cli import group
-from skinbus.errors import ConfigError
 from tests.cli.commands.recordings import EPOCH_NS, changed, frames_in
 from tests.master.rig import MS
 
@@ -137,36 +136,3 @@ def test_patches_that_sent_nothing_are_named_and_another_arm_is_a_no(field, tmp_
     none = replay(path, "--arm", "pad")
     assert none.exit_code == 1
     assert "no patch of pad answered a SYNC with readings: is it the log of another arm?" in none.output
-
-
-PAUSES = "\n".join(format_line(Frame(0x80, b"", k * 2311 % 7000 * 1000)) for k in range(1000))
-
-
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        ("none.log --arm pad", "none.log|wanted one that can be read (No such file or directory)"),
-        ("LOG", "--arm"),
-        ("LOG --arm pod", "pod|pad"),
-        ("LOG --arm LOG", "line 1"),
-        ("LOG --arm pad --out /no/such/folder/x.csv", "/no/such/folder"),
-        ("LOG --arm arm-two-buses", "can0|--channel upper=|--channel lower="),
-        ("LOG --arm pad -c can0 -c can1", "2 channels"),
-        ("LOG --arm pad --out LOG", "would be lost"),
-        ("pauses --arm pad", "times|go back|candump -l"),
-        ("binary --arm pad", "binary|fault|candump"),
-        ("empty --arm pad", "empty"),
-    ],
-)
-def test_wrong_word_or_file_is_one_clear_message_and_status_2(field, tmp_path, monkeypatch, args, words):
-    monkeypatch.chdir(tmp_path)
-    Path("binary").write_bytes(bytes(range(256)) * 1000)
-    Path("empty").touch()
-    Path("pauses").write_text(f"{PAUSES}\n")
-    before = field.read_bytes()
-    result = replay(*(str(field) if arg == "LOG" else arg for arg in args.split()))
-    # refusals of files are told by the door of the whole program
-    assert result.exit_code == 2 or isinstance(result.exception, ConfigError)
-    for word in words.split("|"):
-        assert word in result.output + str(result.exception or "")
-    assert field.read_bytes() == before

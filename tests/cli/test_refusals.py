@@ -1,0 +1,158 @@
+"""What is wrong in the words of a command is said in one message with status 2, and no file changes."""
+
+import os
+import signal
+import sys
+
+import pytest
+
+from skinbus.can.candump import format_line
+from skinbus.can.frame import Frame
+from skinbus.cli import main
+from skinbus.config.arm_file import find_arm
+from skinbus.objects.eds import find_eds
+from tests.gateway.doubles import write_scene
+
+REFUSED = """
+demmo                                                   -> Did you mean 'demo'
+demo --level best                                       -> best | kmeans
+run forarm                                              -> forarm | forearm | pad
+run forearm --interface sockatcan                       -> sockatcan | socketcan
+run forearm --seconds -1                                -> --seconds | x>0
+run pad --seconds nan                                   -> not a finite number
+run pad --seconds inf                                   -> not a finite number
+run pad --budget-us nan                                 -> not a finite number
+run pad --state /proc/x                                 -> /proc/x
+run my.toml --state board.eds                           -> would be lost
+run pad --state notes.txt                               -> notes.txt is there already
+run pad --state x                                       -> x.health is there already
+run pad --state y                                       -> y.1 is there already
+run bad.toml                                            -> bitrate | rate_hz | surface | node_id | angel_deg
+sim forarm                                              -> forarm | forearm
+monitor pad --interface sockatcan                       -> sockatcan | socketcan
+plan none.toml                                          -> wanted a file that can be read, or one of arm
+study paper --out /proc/figures                         -> cannot make
+study arm --out my.toml                                 -> my.toml
+board lint none.eds                                     -> an EDS or DCF file that can be read, or one of
+board new --grid 6 --pitch-mm 8 --out x.eds             -> '6' is no grid
+board new --grid 6x --pitch-mm 8 --out x.eds            -> '6x' is no grid
+board new --grid 9x9 --pitch-mm 8 --out x.eds           -> 64
+board new --grid 0x4 --pitch-mm 8 --out x.eds           -> 0 tactels; wanted 1 to 64
+board new --grid 4x4 --pitch-mm 8 --full-scale-kpa inf --out x.eds       -> full scale of inf kPa
+board new --grid 4x4 --pitch-mm 8 --full-scale-kpa nan --out x.eds       -> full scale of nan kPa
+board new --grid 4x4 --pitch-mm 8 --full-scale-kpa -60 --out x.eds       -> full scale of -60 kPa
+board new --grid 4x4 --pitch-mm 8 --full-scale-kpa 0 --out x.eds         -> full scale of 0 kPa
+board new --grid 4x4 --pitch-mm 8 --full-scale-kpa 1e12 --out x.eds      -> full scale of 1e+12 kPa
+board new --grid 4x4 --pitch-mm 8 --out board.eds       -> is there already; it would be lost
+doctor forearm --interface slcan --unit                 -> the unit is for SocketCAN
+view forearm --attach x --channel can0                  -> no bus is used
+view empty.log                                          -> a recording needs --arm
+view empty.log.gz                                       -> a recording needs --arm
+gateway icub-mtb4 plate.toml --from can0 --to can0      -> both socketcan can0
+patch skin-patch --node 5 --reader made_up_pad          -> wanted MODULE:FUNCTION
+patch skin-patch --node 5 --reader no_such_module:read  -> No module named 'no_such_module'
+patch skin-patch --node 5 --reader math:no_such         -> no_such
+patch skin-patch --node 5 --reader math:pi              -> math:pi is of type float; wanted a function
+
+calibrate pad none.csv --out none.dcf                   -> one that can be read (No such file
+calibrate my.toml my.toml --out my.toml                 -> .dcf
+calibrate my.toml my.toml --out board.dcf               -> would be lost
+calibrate locate my.toml robot.csv --out board.dcf      -> would be lost
+calibrate presses x.log --arm pad --poses none.csv --out x.csv           -> one that can be read (No such file
+calibrate presses field.log --arm pad --poses robot.csv --out robot.csv  -> would be lost
+calibrate presses --out robot.csv field.log --arm pad --poses robot.csv  -> would be lost
+scan identify my.toml --out board.dcf                   -> would be lost
+
+record old.log --interface virtual                      -> is there already
+record /no/such/folder/x.log                            -> cannot write /no/such/folder/x.log
+record new.log -c a -c a                                -> a channel is given twice
+record new.log -c upper=a -c grip=b                     -> give --arm
+record new.log --interface sockatcan                    -> did you mean socketcan
+record new.log --seconds 0                              -> --seconds
+record new.log --arm arm-two-buses                      -> bus upper has no channel
+
+replay none.log --arm pad                               -> none.log | can be read (No such file or directory)
+replay field.log                                        -> --arm
+replay field.log --arm pod                              -> pod | pad
+replay field.log --arm field.log                        -> line 1
+replay field.log --arm arm-two-buses                    -> can0 | --channel upper= | --channel lower=
+replay field.log --arm pad -c can0 -c can1              -> 2 channels
+replay field.log --arm pad --out /no/such/folder/x.csv  -> /no/such/folder
+replay field.log --arm pad --out field.log              -> would be lost
+replay field.log --arm pad --out my.toml                -> would be lost
+replay field.log --arm pad --out link.csv               -> symbolic link
+replay pauses.log --arm pad                             -> times | go back | candump -l
+replay binary --arm pad                                 -> binary | fault | candump
+replay empty.log --arm pad                              -> empty
+
+export field.log --arm pad                              -> --out
+export field.log --arm pad --out x.csv                  -> .mcap
+export field.log --out x.mcap                           -> --arm
+export field.log --arm nobody --out x.mcap              -> nobody
+export field.log --arm pad --out link.mcap              -> symbolic link
+export field.log --arm pad --out no/such/x.mcap         -> cannot write
+export none.log --arm pad --out x.mcap                  -> No such file
+export empty.log --arm pad --out x.mcap                 -> empty
+export field.log --arm pad --out x.dbc                  -> arm alone
+export --arm pad --out x.mcap                           -> give the recording
+export --arm pad --out x.txt                            -> .dbc
+"""
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch, field):
+    """A folder with files of a user."""
+    monkeypatch.chdir(tmp_path)
+    write_scene(tmp_path, ["2.0"], 5, 2)
+    pauses = [format_line(Frame(0x80, b"", k * 2311 % 7000 * 1000)) for k in range(1000)]
+    files = {
+        "board.dcf": find_eds("skin-patch").read_text(),
+        "my.toml": find_arm("pad").read_text().replace('"skin-patch"', '"board.dcf"'),
+        "bad.toml": '[arm]\nname = "bad"\nbitrate = "fast"\nrate_hz = -1\n'
+        '[[link]]\nname = "l"\nsurface = "sphere"\nlength_mm = 100\n'
+        '[[patch]]\nnode_id = 300\nlink = "m"\ns_mm = 10\nangel_deg = 3\n',
+        "robot.csv": "t_s,s_mm,a_mm\n0,1,2\n",
+        "pauses.log": "\n".join([*pauses, ""]),
+        "old.log": "old",
+        **dict.fromkeys(("notes.txt", "x.health", "y.1"), "mine"),
+        "empty.log": "",
+        "empty.log.gz": "",
+        "field.log": field.read_text(),
+    }
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "binary").write_bytes(bytes(range(256)) * 1000)
+    for name in ("link.csv", "link.mcap"):
+        (tmp_path / name).symlink_to("my.toml")
+    return tmp_path
+
+
+@pytest.fixture
+def refused(monkeypatch, capfd):
+    """Run the command line in this process; return what it says of the error."""
+    numbers = (signal.SIGTERM, signal.SIGHUP)
+    usual = [signal.getsignal(number) for number in numbers]
+
+    def refused(*args):
+        monkeypatch.setattr(sys, "argv", ["skinbus", *args])
+        with pytest.raises(SystemExit) as end:
+            main()
+        said = " ".join(capfd.readouterr().err.split())
+        assert end.value.code == 2, said
+        return said
+
+    yield refused
+    for number, handler in zip(numbers, usual, strict=True):
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize(
+    "row", [*filter(None, REFUSED.splitlines())], ids=lambda row: row.partition(" ->")[0].strip()
+)
+def test_wrong_words_are_refused_and_no_file_changes(here, refused, row):
+    words, _, parts = row.partition("->")
+    before = {path.name: path.read_bytes() for path in here.iterdir()}
+    said = refused(*words.split())
+    assert all(part.strip() in said for part in parts.split("|")), said
+    assert {path.name: path.read_bytes() for path in here.iterdir()} == before
+    assert os.readlink("link.csv") == "my.toml"
