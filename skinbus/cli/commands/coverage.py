@@ -35,14 +35,14 @@ NOTE: Final = (
 @click.option(
     "--force-n", "force", default=5.0, show_default=True, type=Range(0.01, 1000.0), help="Of the contact, N."
 )
-@click.option("--step-mm", default=2.0, show_default=True, type=Range(0.5, 20.0), help="Of the grid, mm.")
 @file_option("--figure", callback=output.svg, help="Draw the links unrolled (.svg).")
-def command(arm: str, force: float, step_mm: float, figure: Path | None) -> None:
+def command(arm: str, force: float, figure: Path | None) -> None:
     """Compute how well each point of ARM (a name or a TOML file) is felt, before a board is ordered.
 
-    For each point: the least force that is registered, and the Cramer-Rao bound on the standard deviation
-    of place and force of a contact, from the laws, noises and thresholds in the files of the boards. Level
-    full reaches the bound where four tactels feel the contact; the share of such points is printed.
+    For each point of a grid of 2 mm: the least force that is registered, and the Cramer-Rao bound on the
+    standard deviation of place and force of a contact, from the laws, noises and thresholds in the files of
+    the boards. Level full reaches the bound where four tactels feel the contact; the share of such points is
+    printed.
 
     \b
     Examples:
@@ -54,7 +54,7 @@ def command(arm: str, force: float, step_mm: float, figure: Path | None) -> None
 
     console = Console(width=WIDE)
     with console.status("computing ..."):
-        links = cover(load_arm(arm, check_load=False), force=force, step=1e-3 * step_mm)
+        links = cover(load_arm(arm, check_load=False), force=force)
     console.table(TITLES, map(_row, links))
     console.print(f"{arm}: a contact of {force:g} N; {NOTE}")
     if figure:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import time
-from typing import Any, Final
+from typing import Final
 
 import click
 
 from skinbus.cli.console import Console
 from skinbus.cli.options import Where, bus_options, seconds_option
 from skinbus.cli.output import echo
+from skinbus.cli.recorded import values_of
 from skinbus.cli.stop_signals import Ending
 from skinbus.config.system import load_arm
 from skinbus.skin.cycle import Cycle
@@ -24,7 +25,12 @@ SILENT_S: Final = 1.0
 @click.command()
 @click.argument("arm")
 @bus_options
-@click.option("--json-lines", "is_stream", is_flag=True, help="Print a line of JSON for every cycle instead.")
+@click.option(
+    "--json-lines",
+    "is_stream",
+    is_flag=True,
+    help="Print a line of JSON for every cycle; its contacts have the columns of `export`.",
+)
 @seconds_option
 def command(arm: str, where: Where, is_stream: bool, seconds: float | None) -> None:
     """Show the contacts that a master of ARM publishes, until Ctrl-C; status 1 when no master sent anything.
@@ -55,7 +61,7 @@ def command(arm: str, where: Where, is_stream: bool, seconds: float | None) -> N
             if cycle := skin.get(REFRESH_S):
                 newest = cycle
                 if is_stream:
-                    echo(json.dumps(values_of(cycle)))
+                    echo(line_of(cycle))
             show(newest if newest and newest.age_s < SILENT_S else None)
     if newest is None:
         echo("nothing of a master was received: does one run on this bus?", err=True)
@@ -64,22 +70,13 @@ def command(arm: str, where: Where, is_stream: bool, seconds: float | None) -> N
         console.print(Screen(loaded).render(newest))
 
 
-def values_of(cycle: Cycle) -> dict[str, Any]:
-    """Return a cycle for programs, rounded to the resolution of its TPDOs."""
-    return {
+def line_of(cycle: Cycle) -> str:
+    """Return a cycle as JSON; contacts have the columns of docs/export.md."""
+    values = {
         "sync": cycle.counter,
         "latency_us": round(1e6 * cycle.latency_s),
         "level": cycle.level,
         "flags": [flag.name.lower() for flag in cycle.flags if flag.name],
-        "contacts": [
-            {
-                "id": one.id,
-                "link": one.link,
-                "state": one.state.name.lower(),
-                "s_mm": round(1e3 * one.s, 1),
-                "a_mm": round(1e3 * one.a, 1),
-                "force_n": round(one.force, 2),
-            }
-            for one in cycle.contacts
-        ],
+        "contacts": [*map(values_of, cycle.contacts)],
     }
+    return json.dumps(values)
