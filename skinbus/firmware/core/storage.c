@@ -135,10 +135,7 @@ static uint32_t rewrite(struct sb_board *b, unsigned fresh, unsigned dropped, bo
         const uint8_t *at = &b->image[run->at];
         if (!(fresh & group_of(run->index)) || !(run->access & SB_PARAMETER) || sb_is_default(b, run))
             continue;
-        if (run->size)
-            put_run(&to, run->index, run->sub, at, (size_t)run->n * run->size);
-        else
-            put_run(&to, run->index, run->sub, at + 2, sb_load(at, 2));
+        put_run(&to, run->index, run->sub, at, run->size ? (size_t)run->n * run->size : 2 + sb_load(at, 2));
     }
     if (fresh & SB_LSS_GROUP)
         put_run(&to, LSS_RUN, 0, configured, sizeof configured);
@@ -168,12 +165,10 @@ static bool take_run(struct sb_board *b, struct page *page, const struct stored 
         return true;
     }
     if (!run || run->sub != stored->sub || !(run->access & SB_PARAMETER) ||
-        (run->size ? stored->length != run->n * run->size : stored->length > SB_TEXT_ROOM))
+        (run->size ? stored->length != run->n * run->size : stored->length > 2 + SB_TEXT_ROOM))
         return false;
-    if (!run->size) {
-        sb_store(&b->image[run->at], stored->length, 2);
-        get(page, &b->image[run->at + 2], stored->length);
-    }
+    if (!run->size)
+        get(page, &b->image[run->at], stored->length);
     for (uint8_t *at = &b->image[run->at], *end = at + run->n * run->size; at < end; at += run->size) {
         uint8_t value[8];
         get(page, value, run->size);

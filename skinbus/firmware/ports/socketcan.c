@@ -91,16 +91,11 @@ int main(int n, char **words)
         fprintf(stderr, "usage: %s INTERFACE NODE-ID [SERIAL [PARAMETER-FILE]]\n", words[0]);
         return 2;
     }
-    struct ifreq interface;
+    struct ifreq interface = {0};
     struct sockaddr_can address = {.can_family = AF_CAN};
     const int on = 1;
-    memset(&interface, 0, sizeof interface);
     strncpy(interface.ifr_name, words[1], IFNAMSIZ - 1);
     can = socket(PF_CAN, SOCK_RAW, CAN_RAW);
-    if (can < 0) {
-        perror("CAN");
-        return 1;
-    }
     setsockopt(can, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on);
     if (ioctl(can, SIOCGIFINDEX, &interface) == 0)
         address.can_ifindex = interface.ifr_ifindex;
