@@ -91,19 +91,26 @@ class Contacts:
     @classmethod
     def from_workspace(cls, work: Work, t_ns: int, unit: float = 1.0) -> Self:
         """Return copies of the columns that the last cycle left in a workspace; ``unit`` is its length, m."""
-        rows = np.flatnonzero(work.alive[: work.n_contacts[0]])
-        place = work.place[rows]
-        metres = np.array([unit, unit, 1.0])
-        names = ("link", "patch", "n_tactels", "quality", "status", "residual")
+        rows = work.alive[: work.n_contacts[0]].nonzero()[0]
+        s, a, log_force, size = work.place.take(rows, 0).T.copy()
+        covariance = work.covariance.take(rows, 0)
+        if unit != 1.0:  # on boards of the usual size it is
+            s, a = s * unit, a * unit
+            covariance *= np.multiply.outer([unit, unit, 1.0], [unit, unit, 1.0])
         return cls(
             t_ns=t_ns,
-            s=place[:, 0] * unit,
-            a=place[:, 1] * unit,
-            force=np.exp(place[:, 2]),
+            link=work.link[rows],
+            s=s,
+            a=a,
+            force=np.exp(log_force),
+            patch=work.patch[rows],
             level=_LEVEL_NAMES[work.level[rows]],
-            size=place[:, 3].copy(),
-            covariance=work.covariance[rows] * metres[:, None] * metres,
-            **{name: getattr(work, name)[rows] for name in names},
+            n_tactels=work.n_tactels[rows],
+            quality=work.quality[rows],
+            status=work.status[rows],
+            size=size,
+            residual=work.residual[rows],
+            covariance=covariance,
         )
 
     def __len__(self) -> int:
