@@ -69,6 +69,12 @@ def distance(surface: LinkSurface, s1: float, a1: float, s2: float, a2: float) -
 
 
 @inner_kernel
+def are_within(surface: LinkSurface, limit: float, s1: float, a1: float, s2: float, a2: float) -> bool:
+    """Return whether two points of a link are less than ``limit`` (m) from each other."""
+    return abs(s1 - s2) < limit and separation(surface, s1, a1, s2, a2)[0] < limit * limit
+
+
+@inner_kernel
 def develop(surface: LinkSurface, s: float, a: float, a0: float) -> tuple[float, float]:
     """Return flat coordinates (x, y) in m, unrolled about the generator a0."""
     da = wrap(a - a0, surface.period)

@@ -117,6 +117,7 @@ class Search(NamedTuple):
     h_count: Ints  # (h,) contacts
     h_score: Floats  # (h,) log evidence
     h_chi2: Floats  # (h, 2) chi^2 and number of the tactels that count
+    h_covariance: Floats  # (h, g, 4, 4) of the unknowns of each contact
     h_status: Ints  # (h,)
     h_done: Bools  # (h,) expanded
 
@@ -218,6 +219,7 @@ def make_search(lay: Layout) -> Search:
         h_count=z(KEPT, np.int64),
         h_score=z(KEPT),
         h_chi2=z((KEPT, 2)),
+        h_covariance=z((KEPT, g, 4, 4)),
         h_status=z(KEPT, np.int64),
         h_done=z(KEPT, np.bool_),
     )

@@ -12,6 +12,7 @@ import math
 from typing import Final
 
 from skinbus.arrays import Floats
+from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.board_places import keep_on_board
 from skinbus.estimate.kernels.constants import BAD_FIT, FEW_TACTELS, FULL_SCALE, NOT_CONVERGED, OVER_BUDGET
 from skinbus.estimate.kernels.geometry import surface_of, wrap
@@ -19,8 +20,8 @@ from skinbus.estimate.kernels.law import amplitude, log_force_at
 from skinbus.estimate.kernels.layout import PEAK, Layout
 from skinbus.estimate.kernels.workspace import KINDS, SATURATED, Search, Work
 from skinbus.estimate.levels.merge import EVIDENCE
-from skinbus.estimate.search.evidence import RIVAL, TIP, best_of, misfit, nearest_contact, prepare
-from skinbus.estimate.search.least_squares import CONVERGED, factorise, invert, write_equations
+from skinbus.estimate.search.evidence import RIVAL, TIP, best_of, misfit, nearest_contact, settle
+from skinbus.estimate.search.least_squares import CONVERGED
 from skinbus.jit import inner_kernel
 
 REFUTED: Final = 0.2
@@ -86,25 +87,15 @@ def write_mean(lay: Layout, q: Search, link: int, best: int, c: int, place: Floa
 
 @inner_kernel
 def write_moments(lay: Layout, w: Work, q: Search, link: int, best: int, k: int) -> None:
-    """Write the covariances of k contacts: second moments of all rivals, the best prepared last."""
-    surface, dof, total = surface_of(lay.link, link), q.dof[0], 0.0
+    """Write the covariances of k contacts: second moments of all rivals."""
+    surface, total = surface_of(lay.link, link), 0.0
     for c in range(k):
         for x in range(3):
             for y in range(3):
                 w.covariance[q.rows[c], x, y] = 0.0
-    for turn in range(q.n_hypotheses[0] + 1):
-        h = turn if turn < q.n_hypotheses[0] else best
-        if (h == best) != (turn == q.n_hypotheses[0]) or not is_rival(q, h, best):
+    for h in range(q.n_hypotheses[0]):
+        if not is_rival(q, h, best):
             continue
-        prepare(lay, w, q, link, h)
-        is_bound = False
-        for t in range(q.n_listed[0]):
-            if w.state[q.listed[t]] == SATURATED and q.weight[t] > 0.0:
-                q.weight[t], is_bound = 0.0, True
-        if is_bound:  # which says nothing of how far beyond
-            write_equations(lay, w, q, q.theta, q.h_count[h])
-            factorise(q, dof * q.h_count[h], 0.0)
-        invert(q, dof * q.h_count[h])
         share = math.exp(q.h_score[h] - q.h_score[best])
         total += share
         for c in range(k):
@@ -116,7 +107,7 @@ def write_moments(lay: Layout, w: Work, q: Search, link: int, best: int, k: int)
             q.step[2] = force - math.exp(place[2])
             for x in range(3):
                 for y in range(x + 1):
-                    own = q.inverse[dof * e + x, dof * e + y]
+                    own = q.h_covariance[h, e, x, y]
                     own *= (force if x == 2 else 1.0) * (force if y == 2 else 1.0)
                     moment[x, y] += share * (own + q.step[x] * q.step[y])
     wrong = max(misfit(q, best), 1.0)
@@ -165,9 +156,11 @@ def flag_contact(
 
 
 @inner_kernel
-def write_answer(lay: Layout, w: Work, q: Search, link: int, first: int, full: bool, is_cut: bool) -> None:
+def write_answer(lay: Layout, w: Work, q: Search, link: int, first: int, full: bool) -> None:
     """Write the contacts of the best hypothesis to the rows of group ``first``, and to new rows if more."""
     best, row, k = best_of(q), 0, 0
+    settle(lay, w, q, link, best)
+    is_cut = is_over(w)
     if is_cut:  # no budget is left to evaluate rivals
         q.h_score[best] += RIVAL
     for c in range(q.h_count[best]):

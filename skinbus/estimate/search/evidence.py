@@ -27,13 +27,13 @@ from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.estimate.kernels.layout import OWN_SIZE, PROFILED, SHAPED, TYPICAL, UNSIZED, Layout
 from skinbus.estimate.kernels.workspace import KEPT, KINDS, SATURATED, Search, Work
 from skinbus.estimate.search.least_squares import (
-    CONVERGED,
     ROUGH,
     SETTLED,
     copy_contacts,
-    descend,
-    evaluate,
     factorise,
+    fit,
+    invert,
+    linearise,
     log_evidence,
     write_equations,
 )
@@ -59,8 +59,6 @@ TRY: Final = 12.0
 """The same to which a fit that has not ended is continued."""
 ALIKE, ALIKE_FORCE = 0.05, 0.1
 """Pitches and log force within which two answers are the same."""
-SAME_SCORE: Final = 0.1
-"""Log odds that the end of a fit can still gain: one that comes to a kept hypothesis is given up before."""
 MISFIT_SIGMAS: Final = 4.0
 """Standard deviations of chi^2 from which on the law does not explain the readings."""
 STANDS_OUT: Final = 4.0
@@ -101,14 +99,20 @@ def top_score(q: Search) -> float:
 
 
 @inner_kernel
-def prepare(lay: Layout, w: Work, q: Search, link: int, h: int) -> float:
-    """Load hypothesis h to ``theta``, evaluate it and write its factor; return its log evidence."""
+def load(q: Search, h: int) -> int:
+    """Copy the contacts of hypothesis h to ``theta``; return their number."""
     k = q.h_count[h]
     for c in range(k):
         q.kind[c] = q.h_kind[h, c]
     copy_contacts(q.h_theta[h], q.theta, k)
-    value = evaluate(lay, w, q, link, q.theta, k)
-    write_equations(lay, w, q, q.theta, k)
+    return int(k)
+
+
+@inner_kernel
+def prepare(lay: Layout, w: Work, q: Search, link: int, h: int) -> float:
+    """Load hypothesis h, evaluate it and write its factor; return its log evidence."""
+    k = load(q, h)
+    value = linearise(lay, w, q, link, k)
     return log_evidence(q, k, value) if factorise(q, q.dof[0] * k, 0.0) else -math.inf
 
 
@@ -152,18 +156,14 @@ def consider(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
     """Fit the k contacts of ``theta``; keep a possible answer."""
     if is_over(w):
         return
-    bar, score, status = top_score(q) - TRY, -math.inf, CONVERGED
-    for enough in (ROUGH, SETTLED):
-        value, status = descend(lay, w, q, link, k, enough, bar)
-        if not (math.isfinite(value) and factorise(q, q.dof[0] * k, 0.0)):
-            return
-        score = log_evidence(q, k, value)
-        known = is_known(lay, q, link, k)
-        if score < bar or (
-            known >= 0 and q.h_score[known] >= score - (SAME_SCORE if enough == ROUGH else 0.0)
-        ):
-            return
+    bar = top_score(q) - TRY
+    value, status = fit(lay, w, q, link, k, ROUGH, bar)
+    if not (math.isfinite(value) and factorise(q, q.dof[0] * k, 0.0)):
+        return
+    score = log_evidence(q, k, value)
     to = is_known(lay, q, link, k)
+    if score < bar or (to >= 0 and q.h_score[to] >= score):
+        return
     if to < 0:
         to = q.n_hypotheses[0]
         if to < KEPT:
@@ -180,21 +180,45 @@ def consider(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
     for c in range(k):
         q.h_kind[to, c] = q.kind[c]
     copy_contacts(q.theta, q.h_theta[to], k)
-    write_chi2(w, q, to)
+    describe(lay, w, q, to)
 
 
 @inner_kernel
-def write_chi2(w: Work, q: Search, h: int) -> None:
-    """Write chi^2 of hypothesis h, as evaluated last, over the tactels that feel it or stand out."""
-    chi2, n = 0.0, 0
+def settle(lay: Layout, w: Work, q: Search, link: int, h: int) -> None:
+    """Fit hypothesis h to the end, and describe it."""
+    k = load(q, h)
+    value, status = fit(lay, w, q, link, k, SETTLED, -math.inf)
+    if not is_over(w):
+        q.h_status[h] = status
+    if math.isfinite(value) and factorise(q, q.dof[0] * k, 0.0):
+        copy_contacts(q.theta, q.h_theta[h], k)
+        describe(lay, w, q, h)
+
+
+@inner_kernel
+def describe(lay: Layout, w: Work, q: Search, h: int) -> None:
+    """Write chi^2 of hypothesis h, as factorised last, over the tactels that feel it or stand out, and the
+    covariances of its contacts.
+    """
+    chi2, n, dof, k, is_bound = 0.0, 0, q.dof[0], q.h_count[h], False
     for t in range(q.n_listed[0]):
-        if w.state[q.listed[t]] == SATURATED and q.weight[t] == 0.0:
-            continue
+        if w.state[q.listed[t]] == SATURATED:
+            if q.weight[t] == 0.0:
+                continue
+            q.weight[t], is_bound = 0.0, True
         square = q.pull[t] * q.pull[t] / q.variance[t]
         if q.n_felt_by[t] > 0 or square > STANDS_OUT * STANDS_OUT:
             chi2 += square
             n += 1
     q.h_chi2[h, 0], q.h_chi2[h, 1] = chi2, n
+    if is_bound:  # which says nothing of how far beyond
+        write_equations(lay, w, q, q.theta, k)
+        factorise(q, dof * k, 0.0)
+    invert(q, dof * k)
+    for c in range(k):
+        for x in range(dof):
+            for y in range(dof):
+                q.h_covariance[h, c, x, y] = q.inverse[dof * c + x, dof * c + y]
 
 
 @inner_kernel
@@ -203,7 +227,7 @@ def rescore(lay: Layout, w: Work, q: Search, link: int, h: int) -> None:
     weigh(lay, w, q, link, q.h_theta[h], q.h_count[h])
     for g in range(q.n_hypotheses[0]):
         q.h_score[g] = prepare(lay, w, q, link, g)
-        write_chi2(w, q, g)
+        describe(lay, w, q, g)
 
 
 @inner_kernel

@@ -1,9 +1,10 @@
 """Groups of contacts whose cores overlap, each solved by the search, from the strongest to the weakest.
 
-The search of a group keeps a list of hypotheses. It begins with the contacts as clustering found them, and
-tries the moves from the best hypothesis that was not expanded yet. ``fit`` ends when the best hypothesis
-explains the readings and was expanded; ``full``, and ``fit`` of a misfit, when ``PATIENCE`` rivals were
-expanded after it or none near it is left. The budget is asked before each hypothesis.
+All groups are fitted before any is searched: what a contact presses beside it is known only then. The search
+of a group keeps a list of hypotheses. It begins with the contacts of that fit, and tries the moves from the
+best hypothesis that was not expanded yet. ``fit`` ends when the best hypothesis explains the readings and was
+expanded; ``full``, and ``fit`` of a misfit, when ``PATIENCE`` rivals were expanded after it or none near it
+is left. The budget is asked before each hypothesis.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Final
 
 from skinbus.estimate.budget import DONE, MOST, is_over
 from skinbus.estimate.kernels.constants import OVER_BUDGET
-from skinbus.estimate.kernels.geometry import distance, surface_of
+from skinbus.estimate.kernels.geometry import are_within, surface_of
 from skinbus.estimate.kernels.law import amplitude, core, reach
 from skinbus.estimate.kernels.layout import PEAK, Layout
 from skinbus.estimate.kernels.workspace import GROUP, NO_VALUE, Search, Work
@@ -22,14 +23,14 @@ from skinbus.estimate.search.evidence import (
     RIVAL,
     best_of,
     consider,
+    describe,
     misfit,
     prepare,
     rescore,
     set_priors,
     top_score,
-    write_chi2,
 )
-from skinbus.estimate.search.least_squares import copy_contact
+from skinbus.estimate.search.least_squares import ROUGH, copy_contact, fit
 from skinbus.estimate.search.model import press, weigh
 from skinbus.estimate.search.moves import expand
 from skinbus.jit import inner_kernel
@@ -38,8 +39,6 @@ PATIENCE: Final = 1
 """Rivals of the best hypothesis that are expanded after it, at ``full`` and where the best misfits."""
 ODDS_MOVED: Final = -3.0
 """Log prior odds that the zeros of boards have moved since a baseline has seen them."""
-GROWTH: Final = 1.2
-"""Part of their amplitude that contacts may yet have when groups are made."""
 
 
 @inner_kernel
@@ -49,11 +48,8 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
         w.group[c], w.again[c] = c, w.alive[c]
         if w.alive[c]:
             measure(lay, w, c)
-    for turn in range(
-        3
-    ):  # fit contacts beside each other, search groups, search those that have come together
-        if turn != 1:
-            join_groups(lay, w, GROWTH if turn == 0 else 1.0)
+    for turn in range(3):  # fit all groups, search all, search those that have come together
+        join_groups(lay, w)
         for c in range(w.n_contacts[0]):
             w.again[c] = w.again[c] or turn == 1
         while not is_over(w):
@@ -68,8 +64,8 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
                 break
             w.again[first] = False
             most = w.work[MOST]
-            # what it leaves is for others
-            w.work[MOST] = w.work[DONE] + (most - w.work[DONE]) // max(waiting, 1)
+            # what a search leaves is for others
+            w.work[MOST] = w.work[DONE] + (most - w.work[DONE]) // (waiting if turn > 0 else 1)
             solve_group(lay, w, q, first, turn > 0, full)
             if w.work[MOST] >= 0:  # else the time is over
                 w.work[MOST] = most
@@ -100,18 +96,18 @@ def measure(lay: Layout, w: Work, c: int) -> None:
 
 
 @inner_kernel
-def join_groups(lay: Layout, w: Work, growth: float) -> None:
+def join_groups(lay: Layout, w: Work) -> None:
     """Join groups whose contacts' cores overlap, up to ``GROUP`` contacts; what is joined is solved again."""
     laws, n = lay.law_par, w.n_contacts[0]
     for c in range(n):
         if not w.alive[c]:
             continue
-        surface, own = surface_of(lay.link, w.link[c]), core(laws, law_of(lay, w, c), growth * w.amplitude[c])
+        surface, own = surface_of(lay.link, w.link[c]), core(laws, law_of(lay, w, c), w.amplitude[c])
         for e in range(c):
             if not w.alive[e] or w.link[c] != w.link[e] or w.group[c] == w.group[e]:
                 continue
-            near = own + core(laws, law_of(lay, w, e), growth * w.amplitude[e])
-            if distance(surface, w.place[c, 0], w.place[c, 1], w.place[e, 0], w.place[e, 1]) >= near:
+            near = own + core(laws, law_of(lay, w, e), w.amplitude[e])
+            if not are_within(surface, near, w.place[c, 0], w.place[c, 1], w.place[e, 0], w.place[e, 1]):
                 continue
             old, new, size = max(w.group[c], w.group[e]), min(w.group[c], w.group[e]), 0
             for f in range(n):
@@ -133,40 +129,39 @@ def list_tactels(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
     surface, n, near = surface_of(lay.link, link), 0, q.row
     for c in range(k):
         law = law_of(lay, w, q.rows[c])
-        amp = GROWTH * w.amplitude[q.rows[c]]
+        amp = w.amplitude[q.rows[c]]
         near[c] = reach(lay.law_par, law, amp) + q.pitch[0]
         near[k + c] = min(near[c], core(lay.law_par, law, amp) + 2.0 * q.pitch[0])
     for patch in range(len(lay.patch_link)):
         is_near, s, a = False, lay.patch_s[patch], lay.patch_a[patch]
         for c in range(k if lay.patch_link[patch] == link else 0):
-            is_near |= distance(surface, q.theta[c, 0], q.theta[c, 1], s, a) < near[c] + lay.patch_reach[0]
+            is_near |= are_within(surface, near[c] + lay.patch_reach[0], q.theta[c, 0], q.theta[c, 1], s, a)
         for i in range(lay.patch_start[patch], lay.patch_start[patch + 1] if is_near else 0):
             inside = False
             for c in range(k if w.state[i] != NO_VALUE else 0):
-                d = distance(surface, q.theta[c, 0], q.theta[c, 1], lay.s[i], lay.a[i])
-                inside |= d < near[c if w.active[i] else k + c]
+                far = near[c if w.active[i] else k + c]
+                inside |= are_within(surface, far, q.theta[c, 0], q.theta[c, 1], lay.s[i], lay.a[i])
             q.listed[n] = i
             n += inside
     q.n_listed[0] = n
 
 
 @inner_kernel
-def press_from_outside(lay: Layout, w: Work, q: Search, link: int, first: int, k: int) -> bool:
-    """Write to ``back`` what contacts of other groups press; return whether any of it is above noise."""
-    surface, near, is_pressed = surface_of(lay.link, link), q.row, False
+def press_from_outside(lay: Layout, w: Work, q: Search, link: int, first: int, k: int) -> None:
+    """Write to ``back`` what contacts of other groups press."""
+    surface, near = surface_of(lay.link, link), q.row
     for t in range(q.n_listed[0]):
         q.back[t] = 0.0
     for c in range(w.n_contacts[0]):
         if w.alive[c] and w.group[c] != first and w.link[c] == link:
             own, is_beside = reach(lay.law_par, law_of(lay, w, c), w.amplitude[c]), False
             for e in range(k):
-                d = distance(surface, w.place[c, 0], w.place[c, 1], q.theta[e, 0], q.theta[e, 1])
-                is_beside |= d < own + near[e]
+                far = own + near[e]
+                is_beside |= are_within(
+                    surface, far, w.place[c, 0], w.place[c, 1], q.theta[e, 0], q.theta[e, 1]
+                )
             if is_beside:
                 press(lay, q, link, w.place, c, q.back, -1)
-    for t in range(q.n_listed[0]):
-        is_pressed |= q.back[t] > lay.sigma[q.listed[t]]
-    return is_pressed
 
 
 @inner_kernel
@@ -188,9 +183,7 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
     list_tactels(lay, w, q, link, k)
     if q.n_listed[0] == 0:
         return
-    is_pressed = press_from_outside(lay, w, q, link, first, k)
-    if not (search or is_pressed):
-        return
+    press_from_outside(lay, w, q, link, first, k)
     kind = set_priors(lay, q, law_of(lay, w, q.rows[0]))
     for tailed in range(2):
         k = take_group(w, q, first)
@@ -198,18 +191,19 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
             q.kind[c], q.theta[c, 3] = kind, q.kind_mean[kind]
         q.n_hypotheses[0], q.offsets[0], q.tailed[0] = 0, 0, tailed
         weigh(lay, w, q, link, q.theta, k)
+        if not search:
+            if math.isfinite(fit(lay, w, q, link, k, ROUGH, -math.inf)[0]):
+                for c in range(k):
+                    copy_contact(q.theta[c], w.place[q.rows[c]])
+                    measure(lay, w, q.rows[c])
+            return
         consider(lay, w, q, link, k)
         if q.n_hypotheses[0] == 0:
-            return
-        if not search:
-            for c in range(k):
-                copy_contact(q.h_theta[0, c], w.place[q.rows[c]])
-                measure(lay, w, q.rows[c])
             return
         search_group(lay, w, q, link, full)
         if misfit(q, best_of(q)) <= 1.0 or is_over(w):
             break  # else no contacts explain the readings: their errors have tails
-    write_answer(lay, w, q, link, first, full, is_over(w))
+    write_answer(lay, w, q, link, first, full)
     for c in range(w.n_contacts[0]):
         if w.group[c] == first:
             measure(lay, w, c)
@@ -218,13 +212,12 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
 @inner_kernel
 def search_group(lay: Layout, w: Work, q: Search, link: int, full: bool) -> None:
     """Expand the best hypotheses until the best of all, and ``PATIENCE`` rivals of it, are expanded."""
-    weighed, since = -1, 0
+    weighed, since = q.h_count[0], 0
+    weigh_offsets(lay, w, q, link)
     while not is_over(w):
         best = best_of(q)
         if q.h_count[best] != weighed:
             rescore(lay, w, q, link, best)
-            if weighed < 0:
-                weigh_offsets(lay, w, q, link)
             weighed = q.h_count[best]
         best, h, top = best_of(q), -1, top_score(q) - RIVAL
         for g in range(q.n_hypotheses[0]):
@@ -246,6 +239,6 @@ def weigh_offsets(lay: Layout, w: Work, q: Search, link: int) -> None:
     score = prepare(lay, w, q, link, 0) + ODDS_MOVED
     if score > q.h_score[0]:
         q.h_score[0] = score
-        write_chi2(w, q, 0)
+        describe(lay, w, q, 0)
     else:
         q.offsets[0] = 0

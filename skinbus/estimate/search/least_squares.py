@@ -36,8 +36,9 @@ ODDS: Final = -6.0
 """Log prior odds of one contact more."""
 ITERATIONS: Final = 30
 """Steps of a fit: half of all end after two, nine in ten after at most 17."""
-ROUGH, SETTLED = 0.05, 1e-6
-"""Expected decrease of chi^2 at which a trial ends (0.2 standard deviations), and a fit (0.001)."""
+ROUGH, SETTLED = 0.05, 1e-4
+"""Expected decrease of chi^2 from which on a step is the last, and nothing is evaluated after it: of a
+hypothesis (it moves by a fifth of a standard deviation, and is off by a part of that), of the answer."""
 HOPE: Final = 4.0
 """Of what the next step promises: a fit falls by less from there on."""
 FIRST_DAMPING, LAST_DAMPING = 1e-3, 1e4
@@ -147,18 +148,23 @@ def invert(q: Search, m: int) -> None:
 
 
 @inner_kernel
-def descend(
-    lay: Layout, w: Work, q: Search, link: int, k: int, enough: float, bar: float
-) -> tuple[float, int]:
+def linearise(lay: Layout, w: Work, q: Search, link: int, k: int) -> float:
+    """Return the objective of the first k contacts of ``theta``; write Jacobian and normal equations."""
+    value = evaluate(lay, w, q, link, q.theta, k)
+    write_equations(lay, w, q, q.theta, k)
+    return value
+
+
+@inner_kernel
+def fit(lay: Layout, w: Work, q: Search, link: int, k: int, enough: float, bar: float) -> tuple[float, int]:
     """Fit the first k contacts of ``theta``; return the objective and a status, infinity if that is hopeless.
 
-    Jacobian, residuals and normal equations are those of the answer. It is hopeless where the log evidence
-    stays below ``bar`` though the objective falls by ``HOPE`` times what the next step promises.
+    Jacobian, residuals and normal equations are those before the last step. It is hopeless where the log
+    evidence stays below ``bar`` though the objective falls by ``HOPE`` times what the next step promises.
     """
     dof, theta, trial, step = q.dof[0], q.theta, q.trial, q.step
     m, damping, status, is_stale, at_edge = dof * k, FIRST_DAMPING, ITERATION_LIMIT, False, False
-    value = evaluate(lay, w, q, link, theta, k)
-    write_equations(lay, w, q, theta, k)
+    value = linearise(lay, w, q, link, k)
     for _ in range(ITERATIONS if value < math.inf else 0):
         if at_edge or damping > LAST_DAMPING:
             status = CONVERGED
@@ -176,7 +182,6 @@ def descend(
             return math.inf, status
         if promised < enough:
             status = CONVERGED
-            break
         for c in range(k):
             u = dof * c
             move = math.sqrt(step[u] ** 2 + step[u + 1] ** 2)
@@ -189,6 +194,10 @@ def descend(
             trial[c, 1] = theta[c, 1] + step[u + 1] / longest
             trial[c, 2] = min(max(theta[c, 2] + step[u + 2] / longest, LOG_FORCE_MIN), LOG_FORCE_MAX)
             keep_on_board(lay, link, q.listed, q.n_listed[0], trial[c])
+        if status == CONVERGED:  # the last step changes nothing that has to be evaluated again
+            copy_contacts(trial, theta, k)
+            value -= promised
+            break
         new = evaluate(lay, w, q, link, trial, k)
         is_stale = not new <= value  # Jacobian and residuals are those of a step that is not taken
         at_edge = not is_stale and value - new < NEGLIGIBLE and damping > EDGE  # steps only go to and fro
@@ -198,8 +207,7 @@ def descend(
             copy_contacts(trial, theta, k)
             write_equations(lay, w, q, theta, k)
     if is_stale:
-        evaluate(lay, w, q, link, theta, k)
-        write_equations(lay, w, q, theta, k)
+        linearise(lay, w, q, link, k)
     return value, status
 
 

@@ -27,7 +27,7 @@ from skinbus.estimate.kernels.law import amplitude, log_force_at, pressure
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.workspace import GROUP, KINDS, Search, Work
 from skinbus.estimate.search.evidence import RIVAL, TRY, consider, misfit, nearest_contact, prepare
-from skinbus.estimate.search.least_squares import copy_contact, copy_contacts, invert
+from skinbus.estimate.search.least_squares import copy_contact, copy_contacts
 from skinbus.jit import inner_kernel
 
 FELT, ENOUGH = 3.0, 4
@@ -48,8 +48,6 @@ BESIDE: Final = 3.0
 @inner_kernel
 def expand(lay: Layout, w: Work, q: Search, link: int, h: int, full: bool) -> None:
     """Fit what the moves propose from hypothesis h."""
-    prepare(lay, w, q, link, h)
-    invert(q, q.dof[0] * q.h_count[h])
     q.n_plans[0] = 0
     if q.dof[0] == 4:
         propose_sizes(q, h)
@@ -57,6 +55,7 @@ def expand(lay: Layout, w: Work, q: Search, link: int, h: int, full: bool) -> No
     if q.h_count[h] > 1:
         propose_fewer(lay, q, link, h)
     if (full or misfit(q, h) > 1.0) and q.h_chi2[h, 0] > EVIDENT:
+        prepare(lay, w, q, link, h)
         propose_more(lay, q, link, h)
     for move in range(q.n_plans[0]):
         k = q.plan[move, 2]
@@ -100,8 +99,8 @@ def propose_sizes(q: Search, h: int) -> None:
     N(m; u_k, v + s_k^2), and moves the other parameters by their covariance with u.
     """
     for c in range(q.h_count[h]):
-        u, theta, here = 4 * c, q.theta[c], 0.0
-        own, variance = q.kind[c], q.inverse[u + 3, u + 3]
+        covariance, theta, here = q.h_covariance[h, c], q.h_theta[h, c], 0.0
+        own, variance = q.h_kind[h, c], covariance[3, 3]
         spread = q.kind_sd[own] ** 2
         precision = max(1.0 / variance - 1.0 / spread, 1e-9)
         read = (theta[3] / variance - q.kind_mean[own] / spread) / precision
@@ -117,9 +116,9 @@ def propose_sizes(q: Search, h: int) -> None:
             elif score >= here - (RIVAL if misfit(q, h) <= 1.0 else TRY):
                 size = (precision * read + q.kind_mean[kind] / spread) / (precision + 1.0 / spread)
                 by = (size - theta[3]) / variance
-                s, a = theta[0] + by * q.inverse[u, u + 3], theta[1] + by * q.inverse[u + 1, u + 3]
+                s, a = theta[0] + by * covariance[0, 3], theta[1] + by * covariance[1, 3]
                 propose(q, c, -1)
-                put(q, kind, s, a, theta[2] + by * q.inverse[u + 2, u + 3], size)
+                put(q, kind, s, a, theta[2] + by * covariance[2, 3], size)
 
 
 @inner_kernel
@@ -127,9 +126,9 @@ def propose_places(lay: Layout, q: Search, link: int, h: int) -> None:
     """Propose places around each contact that few tactels feel: another mode reads alike there."""
     surface, laws, tables, away = surface_of(lay.link, link), lay.law_par, lay.law_table, AROUND * q.pitch[0]
     for c in range(q.h_count[h]):
-        s, a, n_felt, home, nearest = q.theta[c, 0], q.theta[c, 1], 0, -1, math.inf
+        s, a, n_felt, home, nearest = q.h_theta[h, c, 0], q.h_theta[h, c, 1], 0, -1, math.inf
         law = lay.law[q.listed[0]]
-        amp = amplitude(laws, law, q.theta[c, 2])[0]
+        amp = amplitude(laws, law, q.h_theta[h, c, 2])[0]
         for t in range(q.n_listed[0]):
             i = q.listed[t]
             d = distance(surface, s, a, lay.s[i], lay.a[i])
@@ -145,27 +144,26 @@ def propose_places(lay: Layout, q: Search, link: int, h: int) -> None:
             x, y = s + away * math.cos(angle), a + away * math.sin(angle)
             far = distance(surface, x, y, lay.s[home], lay.a[home])
             propose(q, c, -1)
-            put(q, q.kind[c], x, y, log_force_at(laws, tables, law, p, far), q.theta[c, 3])
+            put(q, q.h_kind[h, c], x, y, log_force_at(laws, tables, law, p, far), q.h_theta[h, c, 3])
 
 
 @inner_kernel
 def propose_fewer(lay: Layout, q: Search, link: int, h: int) -> None:
     """Propose to leave out each contact, the nearest taking over, and to merge the closest pair."""
-    k, theta, u, v, least = q.h_count[h], q.theta, 0, 1, math.inf
+    k, theta, kind, u, v, least = q.h_count[h], q.h_theta[h], q.h_kind[h], 0, 1, math.inf
     for c in range(k):
         e, d = nearest_contact(lay, link, theta, k, theta[c, 0], theta[c, 1], c)
         if d < least:
             u, v, least = min(c, e), max(c, e), d
-        row = q.dof[0] * c + 2
-        if 2.0 * TRY * q.inverse[row, row] > 1.0:  # without it chi^2 grows by 1 / variance of its log force
+        if 2.0 * TRY * q.h_covariance[h, c, 2, 2] > 1.0:  # 1 / variance is what chi^2 grows by without it
             propose(q, c, e)
-            put(q, q.kind[e], theta[e, 0], theta[e, 1], theta[e, 2], theta[e, 3])
+            put(q, kind[e], theta[e, 0], theta[e, 1], theta[e, 2], theta[e, 3])
     f0, f1 = math.exp(theta[u, 2]), math.exp(theta[v, 2])
     part, strongest = f1 / (f0 + f1), u if f0 >= f1 else v
     s = theta[u, 0] + part * (theta[v, 0] - theta[u, 0])
     a = theta[u, 1] + part * wrap(theta[v, 1] - theta[u, 1], surface_of(lay.link, link).period)
     propose(q, u, v)
-    put(q, q.kind[strongest], s, a, math.log(f0 + f1), theta[strongest, 3])
+    put(q, kind[strongest], s, a, math.log(f0 + f1), theta[strongest, 3])
 
 
 @inner_kernel
@@ -174,10 +172,10 @@ def propose_more(lay: Layout, q: Search, link: int, h: int) -> None:
 
     Where there are as many as the tactels can tell, a new contact replaces the least certain one.
     """
-    surface, pitch, theta, dof, last, gone = surface_of(lay.link, link), q.pitch[0], q.theta, q.dof[0], -1, -1
+    surface, pitch, theta, last, gone = surface_of(lay.link, link), q.pitch[0], q.theta, -1, -1
     for c in range(q.h_count[h] if q.h_count[h] >= min(GROUP, q.n_listed[0] // PER_CONTACT) else 0):
-        u, v = dof * c + 2, dof * max(gone, 0) + 2
-        gone = c if q.inverse[u, u] >= q.inverse[v, v] else gone
+        if gone < 0 or q.h_covariance[h, c, 2, 2] >= q.h_covariance[h, gone, 2, 2]:
+            gone = c
     for _ in range(2):
         best, z_best = -1, FELT
         for t in range(q.n_listed[0]):
