@@ -22,7 +22,7 @@ from skinbus.estimate import (
 )
 from skinbus.master.level_control import CycleFlags
 from skinbus.master.patches.table import Mask
-from skinbus.model import Arm, Cone, Law
+from skinbus.model import Arm
 from skinbus.objects.profile import MAX_CONTACTS
 from skinbus.objects.readings import ReadingsPlan
 
@@ -126,7 +126,7 @@ class Cycle:
         """(n_tactels,) Pa of the newest cycle, less the zeros; of stale patches old, and not used."""
         self._wants_zero = np.full(arm.n_patches, zero_at_start)
         laws = [placed.patch.law for placed in arm.patches]
-        measured = np.array([_has_profile(law) for law in laws])
+        measured = np.array([law.misfit_profile is not None for law in laws])
         self._is_real = measured | np.array([law.misfit > 0.0 for law in laws])  # an ideal law is exact
         self._is_unmeasured = self._is_real & ~measured
         self._offset = plan.counts_offset
@@ -236,8 +236,3 @@ class Cycle:
             self.baseline.zero(p)
         self.pressures[first[self.arm.tactel_patch]] = 0.0
         self._wants_zero &= ~first
-
-
-def _has_profile(law: Law) -> bool:
-    """Return whether a law has a misfit profile: calibration on its board gives it one."""
-    return not isinstance(law, Cone) and law.misfit_profile is not None

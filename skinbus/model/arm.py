@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from skinbus.arrays import Floats
 from skinbus.model.bend import COLUMNS, bent
-from skinbus.model.law import Cone, Law
+from skinbus.model.law import DEFAULT_LAW, Law
 from skinbus.model.limits import MOST_LENGTH, check_numbers
 from skinbus.model.patch import Patch
 from skinbus.model.robot import RobotSettings
@@ -182,7 +182,7 @@ class Arm:
             raise ValueError(f"tactels_uv must be of shape (n, 2), n >= 1; got shape {uv.shape}")
         extent = 2.0 * np.abs(uv).max(axis=0) + 10e-3
         settings.setdefault("size", (float(extent[0]), float(extent[1])))
-        patch = Patch(tactels_uv=uv, law=law or Cone(), **settings)
+        patch = Patch(tactels_uv=uv, law=law or DEFAULT_LAW, **settings)
         link = Link("pad", Surface.plane(*patch.size))
         placed = PlacedPatch(patch=patch, node_id=1, link=0, s=0.0, a=0.0)
         return cls("single patch", [link], [placed])

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +36,7 @@ class Cone:
     exponent: float = 1.0
     misfit: float = 0.0
     """Standard deviation of what the law does not explain, as a part of the pressure."""
+    misfit_profile: ClassVar[None] = None
 
     def __post_init__(self) -> None:
         check_numbers("slope", self.slope, SIZE)
@@ -54,6 +56,10 @@ class Cone:
     def pressure(self, d: npt.ArrayLike, force: npt.ArrayLike) -> Floats:
         """Return the pressure at distances d (m) from contacts of given force (N), (...,) Pa; eq. 9."""
         return np.maximum(0.0, self.height(force) - self.slope * np.asarray(d, float))
+
+    def unexplained(self, d: npt.ArrayLike, force: npt.ArrayLike) -> Floats:
+        """Return the standard deviation of what the law leaves at distances d (m), (...,) Pa."""
+        return self.misfit * self.pressure(d, force)
 
     def force(self, pressure: npt.ArrayLike, d: npt.ArrayLike) -> Floats:
         """Return the force of a contact that makes ``pressure`` (Pa) at distance d (m); eq. 10, 5, 6.
@@ -122,6 +128,14 @@ class Radial:
         """Return the pressure at distances d (m) from contacts of given force (N), (...,) Pa."""
         return np.asarray(_effective(force, self.exponent) * self.profile(d))
 
+    def unexplained(self, d: npt.ArrayLike, force: npt.ArrayLike) -> Floats:
+        """Return the standard deviation of what the law leaves at distances d (m), (...,) Pa."""
+        if self.misfit_profile is None:
+            return self.misfit * self.pressure(d, force)
+        at = self.step * np.arange(len(self.table))
+        left = np.interp(np.asarray(d, float), at, self.misfit_profile, right=0.0)
+        return np.asarray(_effective(force, self.exponent) * left)
+
     def force(self, pressure: npt.ArrayLike, d: npt.ArrayLike) -> Floats:
         """Return the force of a contact that makes ``pressure`` (Pa) at distance d (m).
 
@@ -134,6 +148,8 @@ class Radial:
 
 
 Law = Cone | Radial
+DEFAULT_LAW: Final = Cone()
+"""The law of a board that says nothing of its own."""
 
 
 def _effective(force: npt.ArrayLike, exponent: float) -> Floats:

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from skinbus.arrays import Bools, Floats
-from skinbus.model.law import Cone, Law
+from skinbus.model.law import DEFAULT_LAW, Law
 from skinbus.model.limits import ANY, LENGTH, MOST, MOST_LENGTH, SIZE, check_numbers
 from skinbus.model.residual_map import ResidualMap
 from skinbus.model.transducer import Transducer
@@ -35,7 +35,7 @@ class Patch:
     size: tuple[float, float] = (0.050, 0.050)
     """Extent along u and v, m."""
     transducer: Transducer = field(default_factory=lambda: Transducer(full_scale=250e3))
-    law: Law = field(default_factory=Cone)
+    law: Law = DEFAULT_LAW
     threshold: float = 1000.0  # five times the usual noise of 1 % of the peak of a 5 N contact (200 Pa)
     """Pressure at which a tactel counts as touched, Pa."""
     release: float = 700.0

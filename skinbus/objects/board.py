@@ -12,6 +12,7 @@ from canopen.objectdictionary import ObjectDictionary, ODVariable
 
 from skinbus.errors import EdsError, FaultList
 from skinbus.model import Cone, Law, Patch, Radial, ResidualMap, Transducer
+from skinbus.model.law import DEFAULT_LAW
 from skinbus.model.limits import MOST
 from skinbus.model.patch import MAX_TACTELS
 from skinbus.objects import cia, profile
@@ -231,7 +232,7 @@ class _Reader:
             return self._law()
         except ValueError as error:
             self.fault(profile.LAW_KIND, None, f"a law within its limits: {error}")
-            return Cone()
+            return DEFAULT_LAW
 
     def _law(self) -> Law:
         kind = self.whole(profile.LAW_KIND, LAW_CONE, LAW_RADIAL)
@@ -242,7 +243,7 @@ class _Reader:
         table = self.column(profile.RADIAL_LAW, points)
         if not table[0] > 0.0:
             self.fault(profile.RADIAL_LAW, f"{table[0]:g} at sub-index 1", "a positive number: the peak")
-            return Cone()
+            return DEFAULT_LAW
         spread = self.own(profile.MISFIT_PROFILE, points, np.zeros(1), "zero or positive numbers", 0.0)
         return Radial(
             1e-6 * self.real(profile.RADIAL_STEP_UM),

@@ -24,7 +24,7 @@ import numpy as np
 
 from skinbus.arrays import Bools, Floats, Ints
 from skinbus.estimate.levels.merge import EVIDENCE
-from skinbus.model import Arm, Law, Radial
+from skinbus.model import Arm, Law
 from skinbus.model.mesh_surface import MeshSurface
 
 FORCE: Final = 5.0
@@ -116,10 +116,7 @@ def _cover_link(arm: Arm, k: int, force: float, step: float) -> Coverage:
         d = arm.distance(tactels, s[i], a[i]) / arm.tactel_width[tactels]
         p_felt = patch.law.pressure(d, force)
         slopes = _slopes(arm, tactels, s[i], a[i], force, (1.0 / along[i], 1.0 / around[i]))
-        misfit = patch.law.misfit * p_felt
-        if isinstance(patch.law, Radial) and (profile := patch.law.misfit_profile) is not None:
-            at = np.arange(len(profile)) * patch.law.step
-            misfit = force**patch.law.exponent * np.interp(d, at, profile, right=0.0)
+        misfit = patch.law.unexplained(d, force)
         is_known = p_felt < patch.transducer.full_scale * arm.tactel_gain[tactels]
         weight = np.where(is_known, 1.0 / (variance + misfit**2), 0.0)
         information[i] += np.einsum("ntu,nt,ntv->nuv", slopes, weight, slopes)

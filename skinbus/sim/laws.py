@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from skinbus.arrays import Floats
-from skinbus.model.law import Cone
+from skinbus.model.law import DEFAULT_LAW
 from skinbus.sim.effect import parameter, settings
 from skinbus.sim.indenter import Indenter
 from skinbus.sim.layer import Geometry, Law, Loads
@@ -76,12 +76,12 @@ class ConeSettings(LayerSettings):
 
 
 class ConeLaw:
-    """The cone bound to an arm; see ``model.law.Cone``."""
+    """The cone bound to an arm; see ``model.law``."""
 
     def __init__(self, geometry: Geometry) -> None:
         self._geometry = geometry
         laws = [placed.patch.law for placed in geometry.arm.patches]
-        slopes = [law.slope if isinstance(law, Cone) else Cone().slope for law in laws]
+        slopes = [getattr(law, "slope", DEFAULT_LAW.slope) for law in laws]
         self._slope = np.array(slopes)[geometry.arm.tactel_patch]
 
     def add(self, loads: Loads, pressures: Floats) -> None:

@@ -25,7 +25,7 @@ from skinbus.arrays import Bools, Floats, Ints
 from skinbus.estimate.kernels.disc_shapes import MODES, disc_shapes, learned_shapes
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.jit import setup
-from skinbus.model import Arm, Cone, Law, Patch, Radial
+from skinbus.model import Arm, Cone, Patch
 from skinbus.model.bend import POWERS
 
 SIGHT = math.radians(105.0)
@@ -189,65 +189,46 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
     keys = [_key(patch) for patch in patches]
     order = list(dict.fromkeys(keys))
     first = [patches[keys.index(key)] for key in order]
-    points = max([2, *(len(p.law.table) for p in first if isinstance(p.law, Radial))])
+    points = max(2, *(len(getattr(p.law, "table", ())) for p in first))
     par = np.zeros((len(first), N_COLUMNS))
     table = np.zeros((len(first), 3 + 2 * MODES, points))
     for i, patch in enumerate(first):
         law = patch.law
+        row = {POWER: law.exponent, MISFIT: law.misfit, TYPICAL: _log_typical(patch)}
         if isinstance(law, Cone):
-            slope = law.slope * unit
-            height = np.cbrt(3.0 / math.pi) * np.cbrt(law.slope) ** 2
-            par[i, : MISFIT + 1] = (
-                CONE,
-                slope,
-                height,
-                law.exponent / 3.0,
-                0.0,
-                1.0 / slope,
-                0.0,
-                1.0 / slope,
-                1.0,
-                law.misfit,
-            )
-            par[i, TYPICAL] = _log_typical(patch)
-            continue
-        values = np.asarray(law.table, float)
-        n, step = len(values), law.step / unit
-        size = np.abs(values)
-        within = min(int(np.flatnonzero(size > CORE_PART * size.max())[-1]) + 1, n - 1)
-        reach = step * max(n - 1.0, 0.5)  # a law of one point is one tactel's
-        par[i, : MISFIT + 1] = (
-            RADIAL,
-            0.0,
-            1.0,
-            law.exponent,
-            reach,
-            0.0,
-            step * within,
-            0.0,
-            values[0],
-            law.misfit,
-        )
-        par[i, TYPICAL] = math.log(law.typical_force) if law.typical_force > 0.0 else _log_typical(patch)
-        par[i, PER_STEP], par[i, LAST] = 1.0 / step, n - 1.5
-        if law.misfit_profile is not None:
-            par[i, MISFIT], par[i, PROFILED] = 0.0, 1.0
-            table[i, 2, :n] = law.misfit_profile
-            table[i, 3::2, :n], par[i, OWN_SIZE] = learned_shapes(law.step, values, 0.5 * patch.diameter)
-            par[i, SHAPED] = 1.0
-        elif _is_unsized(law):
-            par[i, UNSIZED] = par[i, SHAPED] = 1.0
-            table[i, 3::2, :n] = disc_shapes(law.step, values, 0.5 * patch.diameter)
-        if n > 1:
-            table[i, 4::2, :n] = np.gradient(table[i, 3::2, :n], axis=-1)
-        table[i, 0, :n], table[i, 0, n:] = values, values[-1]
-        if n > 1:
-            table[i, 1, 1:n] = np.gradient(values)[1:]
+            slope, height = law.slope * unit, np.cbrt(3.0 / math.pi) * np.cbrt(law.slope) ** 2
+            row |= {KIND: CONE, SLOPE: slope, SCALE: height, POWER: law.exponent / 3.0, PEAK: 1.0}
+            row |= {REACH_PER: 1.0 / slope, CORE_PER: 1.0 / slope}
+        else:
+            values, step = np.asarray(law.table, float), law.step / unit
+            n, within = len(values), np.flatnonzero(np.abs(values) > CORE_PART * np.abs(values).max())[-1] + 1
+            row |= {KIND: RADIAL, SCALE: 1.0, PEAK: values[0], PER_STEP: 1.0 / step, LAST: n - 1.5}
+            # a law of one point is one tactel's
+            row |= {REACH: step * max(n - 1.0, 0.5), CORE: step * min(within, n - 1)}
+            modes = table[i, 3::2, :n]
+            if law.misfit_profile is not None:
+                table[i, 2, :n] = law.misfit_profile
+                modes[:], own_size = learned_shapes(law.step, values, 0.5 * patch.diameter)
+                row |= {MISFIT: 0.0, PROFILED: 1.0, SHAPED: 1.0, OWN_SIZE: own_size}
+            elif law.misfit > 0.0:  # measured neither on its board nor with what presses it, and says so
+                modes[:] = disc_shapes(law.step, values, 0.5 * patch.diameter)
+                row |= {UNSIZED: 1.0, SHAPED: 1.0}
+            table[i, 0, :n], table[i, 0, n:] = values, values[-1]
+            if n > 1:
+                table[i, 4::2, :n] = np.gradient(modes, axis=-1)
+                table[i, 1, 1:n] = np.gradient(values)[1:]
+        par[i, list(row)] = list(row.values())
     return par, _by_point(table), np.array([order.index(key) for key in keys], np.int64)
 
 
 def _log_typical(patch: Patch) -> float:
-    """Return log F (N) of a usual contact: its peak is the geometric mean of threshold and full scale."""
+    """Return log F (N) of a usual contact.
+
+    That of the calibration, or else its peak is the geometric mean of threshold and full scale.
+    """
+    typical = getattr(patch.law, "typical_force", 0.0)
+    if typical > 0.0:
+        return math.log(typical)
     full = patch.transducer.full_scale
     peak = math.sqrt(full * min(max(patch.threshold, 1e-6 * full), full))
     return math.log(max(float(patch.law.force(peak, 0.0)), 1e-20))
@@ -265,11 +246,6 @@ def _by_point(rows: Floats) -> Floats:
     for mode in range(3, rows.shape[1], 2):
         columns += [rows[:, mode], rise[:, mode], rows[:, mode + 1], after[:, mode + 1]]
     return np.stack(columns, axis=-1)
-
-
-def _is_unsized(law: Law) -> bool:
-    """Return whether a law was measured neither on its board nor with what presses it, and says so."""
-    return isinstance(law, Radial) and law.misfit_profile is None and law.misfit > 0.0
 
 
 def _key(patch: Patch) -> tuple[object, ...]:
