@@ -14,7 +14,6 @@ from skinbus.can.virtual_bus import MAX_BITRATE
 from skinbus.config.arm_file import DEFAULT_DATA_BITRATE
 from skinbus.config.system import ods_of
 from skinbus.model import Arm, grid
-from skinbus.objects import cia
 from skinbus.objects.bus_load import MAX_LOAD
 from skinbus.objects.eds import build_od
 from skinbus.objects.eds_file import EdsFile, read_text
@@ -167,11 +166,6 @@ class Plan:
     def warnings(self) -> tuple[str, ...]:
         """What is wrong with the plan, and what to change."""
         warnings, unpaced = [], self.traffic.unpaced
-        if self.bitrate not in cia.BIT_RATES.values():
-            usual = ", ".join(f"{rate / 1e3:g}" for rate in sorted(cia.BIT_RATES.values()))
-            warnings.append(
-                f"{self.bitrate} bit/s is no bit rate of CiA 301 ({usual} kbit/s): few nodes can be set to it"
-            )
         if self.data_bitrate and not any(message.data_bits for message in self.traffic.messages):
             warnings.append(
                 "canfd = true changes nothing: no board of this bus sends more than 8 bytes in a frame; "

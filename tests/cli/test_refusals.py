@@ -30,6 +30,7 @@ run pad --state y                                       -> y.1 is there already
 run bad.toml                                            -> bitrate | rate_hz | surface | node_id | angel_deg
 sim forarm                                              -> forarm | forearm
 monitor pad --interface sockatcan                       -> sockatcan | socketcan
+plan pad --bitrate 623456                               -> 125000
 plan none.toml                                          -> wanted a file that can be read, or one of arm
 study paper --out /proc/figures                         -> cannot make
 study arm --out my.toml                                 -> my.toml

@@ -31,26 +31,6 @@ def test_shipped_arms_hold_at_their_own_rate():
         assert not result.warnings
 
 
-def test_a_bit_rate_that_nodes_do_not_have_is_named():
-    arm = load_arm("pad")
-    assert not plan(arm, COMPUTES, level="kmeans", bitrate=500_000).warnings
-    (warning,) = plan(arm, COMPUTES, level="kmeans", bitrate=623_456).warnings
-    assert warning.startswith(
-        "623456 bit/s is no bit rate of CiA 301 (10, 20, 50, 125, 250, 500, 800, 1000 kbit/s)"
-    )
-
-
-@pytest.mark.slow
-def test_overfull_plan_says_what_would_help():
-    result = plan(load_arm("forearm"), COMPUTES, level="kmeans", rate_hz=90)
-    assert not result.holds
-    text = "\n".join(result.warnings)
-    assert "of the bus" in text
-    assert "Hz instead of 90 Hz" in text
-    assert "8-bit" in text
-    assert "second bus" in text
-
-
 def test_slow_level_is_to_blame_when_only_computing_is_too_long():
     result = plan(load_arm("pad"), {"kmeans": 400_000, "full": 20_000_000}, level="full")
     assert not result.holds

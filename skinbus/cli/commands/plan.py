@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -18,9 +18,13 @@ if TYPE_CHECKING:
     from skinbus.planning.plan import Plan
 
 
+BITRATES: Final = ("125000", "250000", "500000", "800000", "1000000")
+"""Those of arm files."""
+
+
 @click.command()
 @click.argument("arm")
-@click.option("--bitrate", type=click.IntRange(10_000, 1_000_000), help="Bit/s instead of the arm file's.")
+@click.option("--bitrate", type=click.Choice(BITRATES), help="Bit/s instead of the arm file's.")
 @click.option("--rate", type=Range(0.5, 2000.0), help="SYNC rate in Hz instead of the arm file's.")
 @level_option("Level whose worst case must fit; `run` falls back to kmeans when time runs out.")
 @click.option(
@@ -37,7 +41,7 @@ if TYPE_CHECKING:
 )
 def command(
     arm: str,
-    bitrate: int | None,
+    bitrate: str | None,
     rate: float | None,
     level: str,
     compute_us: float | None,
@@ -64,7 +68,7 @@ def command(
         loaded,
         _time_levels(loaded, console) if compute_us is None else {level: round(1e3 * compute_us)},
         level=level,
-        bitrate=bitrate,
+        bitrate=int(bitrate or 0),
         rate_hz=rate,
         response_ns=round(1000 * response_us),
     )
