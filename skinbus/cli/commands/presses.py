@@ -22,7 +22,6 @@ from skinbus.errors import ConfigError, Fault
 from skinbus.estimate.calibration.recording import find_holds, find_offset, load_of, pose_signal
 from skinbus.estimate.calibration.table import Press, mean_and_noise
 from skinbus.model import Arm
-from skinbus.skin.addresses import channels_by_name
 
 SLID: Final = 0.5e-3
 """m, that a tool may move within a hold; more is no press at a place."""
@@ -137,9 +136,7 @@ def _poses(arm: Arm, link: int, path: Path) -> dict[str, Floats]:
 
 def _cycles(log: Path, arm: Arm, channels: tuple[str, ...]) -> tuple[Floats, Floats]:
     """Return the times (n,) s of the cycles of a recording, and pressures (n, n_tactels) Pa."""
-    where = channels_by_name(arm.buses, channels)
-    said = {bus.name: channel for bus, channel in zip(arm.buses, where, strict=True) if channel}
-    with skinbus.replay(log, arm, channel=said, level="kmeans", zero=True) as skin:
+    with skinbus.replay(log, arm, channel=channels, level="kmeans", zero=True) as skin:
         cycles = [(1e-9 * c.t_ns, np.where(c.readings.valid, c.readings.pressures, np.nan)) for c in skin]
     if len(cycles) < FEWEST:
         raise ConfigError(str(log), [Fault("file", counted(len(cycles), "cycle"), "a recording of presses")])

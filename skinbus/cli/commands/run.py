@@ -100,14 +100,13 @@ def command(
     loaded = load_arm(arm)
     places = where.places(*loaded.buses)
     console = Console(outlives_reader=True)
-    run = Run(loaded, console)
     with ExitStack() as ears:
         # The buses are opened first: one that cannot be is reported at once; frames are received meanwhile.
         listening = [ears.enter_context(closing(place.open())) for place in places]
         available = first_level(level)
         compiler = start_compiling() if available != level else None
         with compiling(console):
-            run.start(level=level, available=available, budget_us=budget_us, zero_at_start=zero)
+            run = Run(loaded, console, level, available=available, budget_us=budget_us, zero_at_start=zero)
         for ear, place in zip(listening, places, strict=True):
             refuse_other_master(ear, place, 2.0 / loaded.bus.rate_hz)
     host = Host(
@@ -143,9 +142,8 @@ def command(
 class Run:
     """What follows the cycles of a master: screen, systemd, shared memory, files and the summary."""
 
-    master: Master
-
-    def __init__(self, arm: Arm, console: Console) -> None:
+    def __init__(self, arm: Arm, console: Console, level: str, **settings: Any) -> None:
+        """Make the master, with these settings."""
         self.say = partial(console.print, soft_wrap=True)
         self.notifier = Notifier()
         self.maker = CycleMaker(arm)
@@ -154,11 +152,9 @@ class Run:
         self._newest: Cycle | None = None
         self._computes: deque[int] = deque(maxlen=REMEMBERED)
         self._keepers: tuple[Keeper, ...] = ()
-
-    def start(self, **settings: Any) -> None:
-        """Make the master."""
         self.master = Master(
-            self._arm,
+            arm,
+            level=level,
             number=secrets.randbits(32),
             clock=monotonic_clock(),
             stopwatch=time.perf_counter_ns,
