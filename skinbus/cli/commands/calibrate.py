@@ -94,19 +94,15 @@ def command(
     """
     whole, arm_file = load_arm(arm), read_arm_file(find_arm(arm))
     output.keep_files([out, *(file_of(out, whole, placed) for placed in whole.patches)], arm, arm_file.files)
-    made = read_presses(whole, presses)
-    judged = []
-    for table, lines in tables_of(whole, made):
-        judgement = judge(table)
-        judged.append(judgement)
-        echo(f"boards of {table.arm.patches[0].patch.n_tactels} tactels: {report(judgement)}")
-        echo(verdict(judgement, lines), err=bool(judgement.faults))
-    rows = []
-    for one in judged:
-        for p in range(one.table.arm.n_patches):
-            mine = one.table.patch == p
+    judged, rows = [], []
+    for table, lines in tables_of(whole, read_presses(whole, presses)):
+        judged.append(one := judge(table))
+        echo(f"boards of {table.arm.patches[0].patch.n_tactels} tactels: {report(one)}")
+        echo(verdict(one, lines), err=bool(one.faults))
+        for p in range(table.arm.n_patches):
+            mine = table.patch == p
             error = np.nan if one.errors is None else 1e3 * one.errors.place(one.kept & mine)
-            rows.append((one.table.arm.node_label(p), mine.sum(), (mine & ~one.kept).sum(), f"{error:.2f}"))
+            rows.append((table.arm.node_label(p), mine.sum(), (mine & ~one.kept).sum(), f"{error:.2f}"))
     Console().table(BOARDS, rows)
     learned = [judgement for judgement in judged if judgement.calibration is not None]
     if any(judgement.faults for judgement in judged) and not (force and learned):

@@ -33,9 +33,6 @@ UNIT_ARM = "/etc/skinbus/arm.toml"
 """What the unit runs by default."""
 
 
-NET: Final = Path("/sys/class/net")
-IFF_UP: Final = 1
-ARPHRD_CAN: Final = "280"
 MIN_QUEUE: Final = 64
 """Frames the send queue should hold: a cycle's 17 contact frames, and SDO to many patches at once."""
 
@@ -87,23 +84,22 @@ class Finding(NamedTuple):
 
 def check_interface(place: BusAddress) -> Iterator[Finding]:
     """Is a SocketCAN interface there, up, healthy, at the arm's bit rates; does its queue hold a cycle?"""
-    channel, folder = str(place.channel), NET / str(place.channel)
-    known = sorted(path.parent.name for path in NET.glob("*/type") if path.read_text().strip() == ARPHRD_CAN)
+    channel, known = str(place.channel), _links()
     if channel not in known:
         there = f"CAN interfaces here: {', '.join(known)}" if known else "load the adapter's driver"
         other = "; without CAN in the kernel, try --interface udp_multicast"
         yield Finding("interface", f"{channel} does not exist or is no CAN interface", True, there + other)
         return
-    link = _link(channel)
-    settings = "" if link.get("info_kind") in ("vcan", "vxcan") else f" {_settings(place)}"
+    link = known[channel]
+    info, queue, is_up = link.get("linkinfo", {}), link.get("txqlen", 0), "UP" in link["flags"]
+    settings = "" if info.get("info_kind") in ("vcan", "vxcan") else f" {_settings(place)}"
     up = f"ip link set {channel} up{settings}"
-    flags, mtu, queue = (int((folder / name).read_text(), 0) for name in ("flags", "mtu", "tx_queue_len"))
-    yield Finding("interface", f"{channel} is {'up' if flags & IFF_UP else 'down'}", not flags & IFF_UP, up)
-    if link.get("info_kind") == "can":
-        yield from check_controller(place, link.get("info_data", {}))
+    yield Finding("interface", f"{channel} is {'up' if is_up else 'down'}", not is_up, up)
+    if info.get("info_kind") == "can":
+        yield from check_controller(place, info.get("info_data", {}))
     if place.data_bitrate:
         how = f"ip link set {channel} down; ip link set {channel} mtu {CANFD_MTU}; {up}"
-        yield Finding("CAN FD", f"mtu {mtu}", mtu < CANFD_MTU, how)
+        yield Finding("CAN FD", f"mtu {link['mtu']}", link["mtu"] < CANFD_MTU, how)
     longer = f"ip link set {channel} txqueuelen 128"
     yield Finding("send queue", f"{queue} frames" if queue else "unlimited", 0 < queue < MIN_QUEUE, longer)
 
@@ -157,15 +153,15 @@ def _settings(place: BusAddress) -> str:
     return f"type can bitrate {place.bitrate}{fd} restart-ms 100"
 
 
-def _link(channel: str) -> dict[str, Any]:
-    """What ip(8) reports of the interface; nothing without it."""
+def _links() -> dict[str, dict[str, Any]]:
+    """What ip(8) reports of the CAN interfaces, by name; nothing without it."""
     try:
         answer = subprocess.run(
-            ["ip", "-details", "-json", "link", "show", channel], capture_output=True, text=True, check=True
+            ["ip", "-details", "-json", "link", "show"], capture_output=True, text=True, check=True
         )
     except (OSError, subprocess.CalledProcessError):
         return {}
-    return dict(json.loads(answer.stdout)[0].get("linkinfo", {}))
+    return {link["ifname"]: link for link in json.loads(answer.stdout) if link["link_type"] == "can"}
 
 
 def examine(name: str | None, where: Where) -> Iterator[Finding]:

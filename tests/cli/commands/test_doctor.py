@@ -1,5 +1,6 @@
 """Deployment: a valid and tight unit, systemd is notified, the doctor advises."""
 
+import json
 import os
 import re
 import shutil
@@ -11,7 +12,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from skinbus.cli.commands.doctor import check_controller, command, unit_text
+from skinbus.cli.commands.doctor import check_controller, check_interface, command, unit_text
 from skinbus.cli.notify import Notifier
 from skinbus.config.arm_file import find_arm
 from skinbus.config.arm_tables import ArmTable
@@ -85,6 +86,21 @@ def test_doctor_of_an_arm_that_does_not_exist_is_a_mistake_not_a_finding():
     answer = CliRunner().invoke(command, ["nosuch"])
     assert isinstance(answer.exception, ConfigError)
     assert not answer.output
+
+
+def test_interface_is_what_ip_says_of_it(tmp_path, monkeypatch):
+    lo = {"ifname": "lo", "flags": ["LOOPBACK", "UP"], "mtu": 65536, "link_type": "loopback"}
+    can = {"ifname": "can0", "flags": ["NOARP", "ECHO"], "mtu": 16, "txqlen": 10, "link_type": "can"}
+    (tmp_path / "ip").write_text(f"#!/bin/sh\necho '{json.dumps([lo, can])}'\n")
+    (tmp_path / "ip").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    found = [
+        (one.check, one.found, one.is_wrong)
+        for one in check_interface(BusAddress("socketcan", "can0", 500_000))
+    ]
+    assert found == [("interface", "can0 is down", True), ("send queue", "10 frames", True)]
+    (absent,) = check_interface(BusAddress("socketcan", "can1", 500_000))
+    assert absent.advice.startswith("CAN interfaces here: can0;")
 
 
 GOOD = {"bittiming": {"bitrate": 1_000_000}, "state": "ERROR-ACTIVE", "restart_ms": 100}
