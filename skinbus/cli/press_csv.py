@@ -115,26 +115,21 @@ def read_columns(
     return columns
 
 
-def columns_of(arm: Arm) -> list[str]:
-    """Return the columns of a table of presses on an arm."""
-    numbers = range(1, 1 + max(placed.patch.n_tactels for placed in arm.patches))
-    return ["bus", *PRESSES[:3], "force_n", *(f"{letter}{k}" for letter in "pn" for k in numbers)]
-
-
 def write_presses(path: Path, arm: Arm, presses: Sequence[Press]) -> None:
     """Write a table of presses whole: a loss of power leaves the file as it was."""
+    most = max(placed.patch.n_tactels for placed in arm.patches)
+    tactels = [f"{letter}{k}" for letter in "pn" for k in range(1, 1 + most)]
     with whole_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
-        table = csv.DictWriter(file, columns_of(arm), restval="")
-        table.writeheader()
+        table = csv.writer(file)
+        table.writerow(["bus", *PRESSES[:3], "force_n", *tactels])
         for press in presses:
             placed, gain = arm.patches[press.patch], arm.tactel_gain[arm.tactels_of(press.patch)]
-            noise = np.nan if press.noise is None else press.noise
-            numbers = dict(zip(PRESSES, (placed.node_id, 1e3 * press.s, 1e3 * press.a), strict=False))
-            numbers["force_n"] = press.force
-            for letter, values in (("p", press.readings / gain), ("n", noise / gain)):
-                numbers |= {f"{letter}{k}": value for k, value in enumerate(values.tolist(), 1)}
-            cells = {name: f"{x:.6g}" for name, x in numbers.items() if not math.isnan(x)}
-            table.writerow({"bus": arm.buses[placed.bus].name, **cells})
+            own = np.full((2, most), np.nan)
+            own[0, : len(gain)] = press.readings / gain
+            own[1, : len(gain)] = np.nan if press.noise is None else press.noise / gain
+            numbers = placed.node_id, 1e3 * press.s, 1e3 * press.a, press.force, *own.ravel().tolist()
+            cells = ["" if math.isnan(x) else f"{x:.6g}" for x in numbers]
+            table.writerow([arm.buses[placed.bus].name, *cells])
 
 
 def _read(
