@@ -41,10 +41,3 @@ def nodes_by_bus(arm: Arm, chosen: npt.NDArray[np.bool_]) -> Iterator[str]:
         here = arm.patches_on(bus)
         if node_ids := arm.node_id[here][chosen[here]].tolist():
             yield (f"{settings.name} " if len(arm.buses) > 1 else "") + nodes(node_ids)
-
-
-def words_of(quality: int) -> str:
-    """Return the flags of a contact's quality in words: good, few-tactels|misfit."""
-    from skinbus.estimate import Quality  # with numba, which counts do without
-
-    return str(Quality(quality).name).lower().replace("_", "-")

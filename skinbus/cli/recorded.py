@@ -11,9 +11,10 @@ import numpy.typing as npt
 
 from skinbus.can.event import Event
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted, nodes_by_bus, words_of
+from skinbus.cli.formatting import counted, nodes_by_bus
 from skinbus.cli.host import compiling
 from skinbus.cli.output import echo
+from skinbus.estimate import Quality
 from skinbus.master import CycleReport
 from skinbus.model import Arm
 from skinbus.skin.contact import Contact
@@ -142,6 +143,8 @@ def values_of(contact: Contact) -> dict[str, Any]:
     return {
         **{name: getattr(contact, name) for name in ("id", "identity", "link", "level")},
         "state": contact.state.name.lower(),
-        "quality": None if contact.quality is None else words_of(contact.quality),
+        "quality": None
+        if contact.quality is None
+        else str(Quality(contact.quality).name).lower().replace("_", "-"),
         **dict(zip(CONTACT_COLUMNS[8:], numbers, strict=True)),
     }

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from skinbus.sim.joint_motion import JointMotion
 
 
+BOOTED_S = 0.5
+"""All patches have booted by then."""
+
+
 @dataclass(eq=False)
 class Scene:
     """What happens to an arm, from scene time 0 to ``duration_s``; fixed once made."""
@@ -48,6 +52,11 @@ class Scene:
     def touches_at(self, t_s: float) -> Touches:
         """Return the touches that press at a scene time (s): the truth."""
         return self.plan.at(t_s)
+
+    @property
+    def begins_untouched(self) -> bool:
+        """Whether nothing presses when all patches have booted, so that their zeros can be taken then."""
+        return not len(self.touches_at(BOOTED_S).touch)
 
     def pressures(self, t_s: float) -> Floats:
         """Return what the layer alone brings to the tactels at a scene time, (n_tactels,) Pa; no effects."""

@@ -21,8 +21,6 @@ from skinbus.view.screen import live_screen
 
 GATE: Final = 0.020
 """m; a contact further than this from a touch is not that touch: two tactels of the default board."""
-UNTOUCHED_S: Final = 0.5
-"""A scene that nothing touches at this time has its patches zeroed: all patches have booted by then."""
 
 
 @click.command()
@@ -42,8 +40,7 @@ def command(scene: str, level: Level) -> None:
     played = load_scene(scene)
     console, errors, n_cycles = Console(), list[tuple[float, float]](), 0
     with compiling(console):
-        is_untouched = not len(played.touches_at(UNTOUCHED_S).touch)
-        skin = simulate(played, level=level, zero=is_untouched, realtime=console.is_terminal)
+        skin = simulate(played, level=level, zero=played.begins_untouched, realtime=console.is_terminal)
     patches = counted(played.arm.n_patches, "patch")
     console.print(f"{played.name}: {patches} at {played.arm.bus.rate_hz:g} Hz, {played.duration_s:g} s")
     with Ending() as ending, skin, live_screen(console, played.arm) as show:

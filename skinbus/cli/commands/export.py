@@ -12,6 +12,7 @@ import click
 from skinbus.cli.options import file_option, level_option, log_channels_option, zero_option
 from skinbus.cli.output import echo, extra_wanted, try_to_write, whole_file
 from skinbus.config.system import load_arm
+from skinbus.file_bytes import write_whole
 
 if TYPE_CHECKING:
     from skinbus.model import Arm
@@ -66,8 +67,7 @@ def _write_dbc(arm: Arm, out: Path) -> None:
     for bus, settings in enumerate(arm.buses):
         own = out.with_name(f"{out.stem}-{settings.name}.dbc") if len(arm.buses) > 1 else out
         try_to_write(own)
-        with whole_file(own) as part:
-            part.write_text(dbc_of(arm, bus), encoding="ascii")
+        write_whole(own, dbc_of(arm, bus).encode(), 0o644)
         echo(f"{own}: {settings.name or arm.name}")
 
 

@@ -35,7 +35,7 @@ def command() -> None:
 @command.command("list")
 @click.argument("names", nargs=-1)
 def list_(names: tuple[str, ...]) -> None:
-    """List scenes, layers and effects, one line each; with NAMES, say what their parameters mean.
+    """List scenes, layers and effects, one line each; with NAMES, their parameters and defaults.
 
     \b
     Examples:
@@ -55,12 +55,8 @@ def list_(names: tuple[str, ...]) -> None:
     if not names:
         scenes = [(name, load_scene(name).title) for name in scene_names()]
         console.table(("scene", "what it shows"), scenes)
-        parts = [
-            (name, stage, f"{_about(cls)} {', '.join(f'{p.name}={_shown(p)}' for p in fields(cls))}")
-            for name, stage, cls in items
-        ]
-        title = "\nLayers and effects, in the order of physics"
-        console.table(("name", "acts on", "what, and its parameters"), parts, title)
+        parts = [(name, stage, _about(cls)) for name, stage, cls in items]
+        console.table(("name", "acts on", "what"), parts, "\nLayers and effects, in the order of physics")
 
 
 @command.command()

@@ -23,10 +23,6 @@ if TYPE_CHECKING:
 
 AGAIN_S: Final = 1.0
 """After this time a scene that is over begins anew, and shared memory that has gone is looked for."""
-UNTOUCHED_S: Final = 0.5
-"""A scene that nothing touches at this time has its patches zeroed, as `skinbus demo` does."""
-
-
 YIELDS: Final = 10
 """Niceness of the process: a master on this machine comes first."""
 
@@ -135,8 +131,7 @@ def source_of(
         from skinbus.sim import load_scene
 
         scene = load_scene(source)
-        is_untouched = not len(scene.touches_at(UNTOUCHED_S).touch)
-        opening = partial(simulate, scene, level=level, realtime=True, zero=is_untouched)
+        opening = partial(simulate, scene, level=level, realtime=True, zero=scene.begins_untouched)
         return f"scene {source}", scene.arm, opening, AGAIN_S
     arm = load_arm(source, check_load=False)
     opening = partial(

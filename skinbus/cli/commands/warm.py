@@ -32,8 +32,8 @@ def command() -> None:
       skinbus doctor warm
       NUMBA_CACHE_DIR=/var/cache/skinbus skinbus doctor warm
     """
-    if hasattr(os, "SCHED_BATCH"):  # who starts this may have the priority of a master
-        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    # who starts this may have the priority of a master
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     os.nice(10)
     folder = kernel_folder()
     with (
@@ -42,9 +42,8 @@ def command() -> None:
     ):
         if lock:  # everything is compiled once, however many ask for it
             fcntl.flock(lock, fcntl.LOCK_EX)
-        if sys.platform == "linux":
-            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
-                BatchReader(sock, MonotonicClock(), 1)
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
+            BatchReader(sock, MonotonicClock(), 1)
         for level in reversed(LEVELS):  # who started this may compile `kmeans` meanwhile
             with simulate(ARM, level=level) as skin:  # the smallest arm: kernels are the same for all
                 next(skin)
