@@ -17,20 +17,11 @@ def ellipsoid(axes, edge):
     return points * np.asarray(axes), triangles
 
 
-def wrapped(n, m):
-    """The triangles of a grid of n by m places, closed around the second."""
-    i, j = (x.ravel() for x in np.meshgrid(np.arange(n - 1), np.arange(m), indexing="ij"))
-
-    def at(i, j):
-        return i * m + j % m
-
-    a, b, c, d = at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)
-    return np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)])
-
-
 def tube(radius, length, edge):
     """An open cylinder along x, as ``Surface.cylinder`` has it: from 0 to its length, angle 0 at +z."""
+    import trimesh
+
     n, m = int(np.ceil(length / edge)) + 1, int(np.ceil(2.0 * np.pi * radius / edge))
-    x, angle = np.meshgrid(np.linspace(0.0, length, n), np.arange(m) * 2 * np.pi / m, indexing="ij")
-    points = np.stack([x, radius * np.sin(angle), radius * np.cos(angle)], -1).reshape(-1, 3)
-    return points, wrapped(n, m)
+    line = np.column_stack([np.full(n, radius), np.linspace(0.0, length, n)])
+    shape = trimesh.creation.revolve(line, sections=m)  # about z; with x and z exchanged it is inside out
+    return np.array(shape.vertices)[:, ::-1], np.array(shape.faces)[:, ::-1]
