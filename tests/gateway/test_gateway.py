@@ -73,41 +73,34 @@ def test_a_touch_of_the_skin_is_a_contact_of_the_master(tmp_path, skin):
     assert len(rig.boards.heard) == len(rig.found.commands(rig.found.start, skin[1]))
 
 
-def silent(frames):
-    return []
+def marked(high, low):
+    """Return what sets bits of the mask and the faults that a triangle sends."""
+
+    def change(frames):
+        data = frames[1].data
+        return [frames[0], frames[1]._replace(data=data[:6] + bytes([data[6] | high, data[7] | low]))]
+
+    return change
 
 
-def short(frames):
-    return [frame._replace(data=frame.data[:5]) for frame in frames]
+ALL_MASKED = marked(0xFF, 0xF0)
+FAILURES = {
+    "silent": lambda frames: [],
+    "short": lambda frames: [frame._replace(data=frame.data[:5]) for frame in frames],
+    "one part": lambda frames: frames[:1],
+    "not connected": marked(0, 2),
+    "all masked": ALL_MASKED,
+    "another triangle": lambda frames: [frame._replace(can_id=frame.can_id ^ 0x8) for frame in frames],
+}
 
 
-def one_part(frames):
-    return frames[:1]
-
-
-def not_connected(frames):
-    data = bytearray(frames[1].data)
-    data[7] |= 2
-    return [frames[0], frames[1]._replace(data=bytes(data))]
-
-
-def all_masked(frames):
-    data = bytearray(frames[1].data)
-    data[6:] = 0xFF, 0xF0
-    return [frames[0], frames[1]._replace(data=bytes(data))]
-
-
-def other_triangle(frames):
-    return [frame._replace(can_id=frame.can_id ^ 0x8) for frame in frames]
-
-
-@pytest.mark.parametrize("change", [silent, short, one_part, not_connected, all_masked, other_triangle])
+@pytest.mark.parametrize("change", FAILURES.values(), ids=FAILURES)
 def test_a_triangle_that_fails_is_lost_within_three_periods_and_alone(tmp_path, change):
     rig = Rig(tmp_path, *MTB4)
     rig.run(2000)
     rig.boards.changes["2.1"] = change  # the pressed one
     _, events, said = rig.run(4 * 50)
-    assert [event.kind for event in said] == [EventKind.READINGS_LOST] * (change is not all_masked)
+    assert [event.kind for event in said] == [EventKind.READINGS_LOST] * (change is not ALL_MASKED)
     assert any(event.kind is EventKind.PATCH_EMCY and event.node_id == 2 for event in events)
     cycles, events, _ = rig.run(400)
     assert not any(len(cycle.contacts) for cycle in cycles)
@@ -130,13 +123,7 @@ def test_two_boards_with_one_address_are_named(tmp_path):
 
 def test_a_mask_that_sticks_leaves_the_other_tactels(tmp_path):
     rig = Rig(tmp_path, *MTB4)
-
-    def masked(frames):
-        data = bytearray(frames[1].data)
-        data[7] |= 0x10  # t0
-        return [frames[0], frames[1]._replace(data=bytes(data))]
-
-    rig.boards.changes["2.1"] = masked
+    rig.boards.changes["2.1"] = marked(0, 0x10)  # t0
     rig.run(2000)
     cycles, _, said = rig.run(400)
     assert all(is_right(cycle.contacts) for cycle in cycles)

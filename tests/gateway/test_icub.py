@@ -13,6 +13,7 @@ from skinbus.gateway.frame_format import load_format
 from skinbus.gateway.gateway import Gateway
 from skinbus.gateway.icub import TACTELS, read_positions
 from skinbus.model import Surface
+from tests.robot.meshes import tube
 
 PITCH = 6.5e-3
 TRIANGLE = PITCH * np.array(
@@ -107,13 +108,9 @@ def test_rows_that_repeat_another_one_are_no_tactels(tmp_path, row):
 def test_boards_are_laid_on_a_mesh(tmp_path):
     trimesh = pytest.importorskip("trimesh")
     pytest.importorskip("potpourri3d")
-    s, a = np.meshgrid(np.linspace(0.0, 0.2, 41), np.linspace(-0.08, 0.08, 41), indexing="ij")
-    points, _ = SURFACES[0].position(s.ravel(), a.ravel())
-    k = np.arange(41 * 41).reshape(41, 41)
-    one, two, three, four = k[:-1, :-1].ravel(), k[1:, :-1].ravel(), k[1:, 1:].ravel(), k[:-1, 1:].ravel()
-    faces = np.concatenate([np.column_stack([one, two, three]), np.column_stack([one, three, four])])
+    points, triangles = tube(0.045, 0.2, 4e-3)
     vertices = 1e3 * (X_LS.apply(points) + ORIGIN)
-    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "arm.stl")
+    trimesh.Trimesh(vertices, triangles, process=False).export(tmp_path / "arm.stl")
     rows = table(SURFACES[0])
     answer = imported(tmp_path, text(rows), "--mesh", str(tmp_path / "arm.stl"))
     assert answer.exit_code == 0, answer.output + str(answer.exception)
