@@ -17,11 +17,11 @@ CALL_NS = 1_000  # what a call of the interface that finds nothing takes
 class FakeBus(Bus):
     """An interface on a virtual clock: frames arrive at their times, and it can be down for a while."""
 
-    def __init__(self, clock, arrivals=(), outage=None):
+    def __init__(self, clock):
         self.clock = clock
         self.batch = FrameBatch(1)
-        self.arrivals = sorted(arrivals, key=lambda frame: frame.t_ns)
-        self.outage = outage
+        self.arrivals = []
+        self.outage = None
         self.sent = []
         self.n_open = 0
         self.is_open = False
@@ -77,7 +77,11 @@ class VirtualStop(threading.Event):
 
 
 def run(core, *, until_ns, arrivals=(), outage=None, **more):
+    """Run a core on as many buses as it has; the first one is down for a while."""
     clock = VirtualClock()
-    bus = FakeBus(clock, arrivals, outage)
-    report = run_core(core, bus.open, stop=VirtualStop(clock, until_ns), clock=clock, **more)
-    return bus, report
+    buses = [FakeBus(clock) for _ in range(core.n_buses)]
+    buses[0].outage = outage
+    for frame in arrivals:
+        buses[frame.bus].arrivals.append(frame._replace(bus=0))
+    opens = [bus.open for bus in buses]
+    return buses, run_core(core, *opens, stop=VirtualStop(clock, until_ns), clock=clock, **more)

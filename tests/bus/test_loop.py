@@ -14,7 +14,7 @@ from tests.bus.loop_rig import CALL_NS, MS, FakeBus, VirtualStop, run
 
 def test_core_is_woken_at_its_times_and_no_earlier():
     core = Talker([(t_ns, Frame(0x80)) for t_ns in (0, 20 * MS, 40 * MS, 5_000 * MS)])
-    bus, report = run(core, until_ns=6_000 * MS)
+    (bus,), report = run(core, until_ns=6_000 * MS)
     late = [
         t_ns - wanted for (t_ns, _), wanted in zip(bus.sent, (0, 20 * MS, 40 * MS, 5_000 * MS), strict=True)
     ]
@@ -31,7 +31,7 @@ def test_stop_event_of_the_core_ends_the_loop_after_its_frames_are_sent():
             return Step((Frame(0x000, b"\x80\x00"),), (Event(t_ns=now_ns, kind=EventKind.STOP),), NEVER)
 
     events = []
-    bus, report = run(Last(), until_ns=NEVER, on_event=events.append)
+    (bus,), report = run(Last(), until_ns=NEVER, on_event=events.append)
     assert report.steps == 1
     assert [frame.can_id for _, frame in bus.sent] == [0]
     assert [event.kind for event in events] == [EventKind.STOP]
@@ -88,7 +88,7 @@ def test_lost_bus_is_reopened_within_half_a_second_and_the_core_goes_on_meanwhil
     core = Talker([(t_ns, Frame(0x80)) for t_ns in ticks])
     events = []
     down_ns, up_ns = 2_000 * MS, 7_000 * MS
-    bus, report = run(core, until_ns=10_000 * MS, outage=(down_ns, up_ns), on_event=events.append)
+    (bus,), report = run(core, until_ns=10_000 * MS, outage=(down_ns, up_ns), on_event=events.append)
     assert [event.kind for event in events] == [EventKind.BUS_LOST, EventKind.BUS_BACK]
     assert up_ns <= events[1].t_ns <= up_ns + 501 * MS
     assert report.n_outages == 1
@@ -111,7 +111,7 @@ def test_frames_that_did_not_go_out_are_given_back_to_a_core_that_wants_to_know(
             self.back += frames
 
     core = Teller([(MS, Frame(0x81)), (5 * MS, Frame(0x82)), (300 * MS, Frame(0x83))])
-    bus, report = run(core, until_ns=400 * MS, outage=outage)
+    (bus,), report = run(core, until_ns=400 * MS, outage=outage)
     swallowed = [] if outage is None else [0x82]
     assert [frame.can_id for frame in core.back] == swallowed
     assert report.n_lost == len(swallowed)
@@ -127,17 +127,10 @@ class TwoBuses(Talker):
         return self.cob_ids
 
 
-def run_two(core, *, until_ns, arrivals=((), ()), outage=None, **more):
-    clock = VirtualClock()
-    buses = [FakeBus(clock, arrivals[0], outage), FakeBus(clock, arrivals[1])]
-    opens = [bus.open for bus in buses]
-    return buses, run_core(core, *opens, stop=VirtualStop(clock, until_ns), clock=clock, **more)
-
-
 def test_frames_carry_the_number_of_their_bus_both_ways():
     core = TwoBuses([(MS, Frame(0x80)), (MS, Frame(0x80, bus=1)), (2 * MS, Frame(0x81, bus=1))])
-    buses, report = run_two(
-        core, until_ns=9 * MS, arrivals=([Frame(0x181, t_ns=3 * MS)], [Frame(0x181, t_ns=5 * MS)])
+    buses, report = run(
+        core, until_ns=9 * MS, arrivals=[Frame(0x181, t_ns=3 * MS), Frame(0x181, t_ns=5 * MS, bus=1)]
     )
     assert [(frame.can_id, frame.bus) for frame in core.heard] == [(0x181, 0), (0x181, 1)]
     assert [[frame.can_id for _, frame in bus.sent] for bus in buses] == [[0x80], [0x80, 0x81]]
@@ -147,12 +140,12 @@ def test_frames_carry_the_number_of_their_bus_both_ways():
 def test_bus_that_is_lost_does_not_hold_up_the_other():
     ticks = [k * 20 * MS for k in range(100)]
     core = TwoBuses([(t_ns, Frame(0x80, bus=bus)) for t_ns in ticks for bus in (0, 1)])
-    arrivals = [Frame(0x181, t_ns=t_ns + 2 * MS) for t_ns in ticks]
+    arrivals = [Frame(0x181, t_ns=t_ns + 2 * MS, bus=1) for t_ns in ticks]
     events = []
-    buses, report = run_two(
+    buses, report = run(
         core,
         until_ns=2_000 * MS,
-        arrivals=([], arrivals),
+        arrivals=arrivals,
         outage=(500 * MS, 1_500 * MS),
         on_event=events.append,
     )

@@ -1,6 +1,7 @@
 """Joint positions at the time of a SYNC: exact for even motion, uncertain by acceleration, or withheld."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,28 +9,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from skinbus.errors import ArgumentError
 from skinbus.model import JointSettings, RobotSettings
-from skinbus.robot.chain import Chain
 from skinbus.robot.positions import JointPositions
 
 MS = 1_000_000
 
 
 def positions(kinds=("revolute", "prismatic", "continuous"), *joints, max_age_ms=50, velocity=math.inf):
-    n = len(kinds)
-    chain = Chain(
-        names=tuple(f"j{k}" for k in range(n)),
-        kinds=tuple(kinds),
-        parent=np.arange(n) - 1,
-        linear=np.array([kind == "prismatic" for kind in kinds]),
-        X_PJ=np.tile(np.eye(4), (n, 1, 1)),
-        axis=np.tile([0.0, 0.0, 1.0], (n, 1)),
-        carrier=np.zeros(0, np.int64),
-        X_CF=np.zeros((0, 4, 4)),
-        moves=np.zeros((0, n), np.bool_),
-        lower=np.full(n, -np.inf),
-        upper=np.full(n, np.inf),
-        velocity=np.full(n, velocity),
-    )
+    names = tuple(f"j{k}" for k in range(len(kinds)))
+    chain = SimpleNamespace(names=names, kinds=kinds, velocity=np.full(len(kinds), velocity))
     settings = RobotSettings(file="", urdf="", max_age_ns=max_age_ms * MS, links=(), joints=tuple(joints))
     return JointPositions(chain, settings)
 
