@@ -9,12 +9,10 @@ from skinbus.model import Arm
 from skinbus.sim.effect import stream
 from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry
+from skinbus.sim.player import BOOT_NS, Player
 from skinbus.sim.scene import Scene
 from skinbus.sim.touch import Touch
 from skinbus.sim.world import World
-
-MS = 1_000_000
-BOOTED_NS = 100 * MS
 
 
 @pytest.fixture(scope="session")
@@ -83,7 +81,7 @@ def ods_by_arm():
 def simulate(pad, ods_by_arm):
     """``simulate(effects, n_syncs)``: a world of a pressed arm, booted, started, and sent SYNCs."""
 
-    def run(effects=(), n_syncs=30, *, arm=pad, seed=1, restart=True):
+    def run(effects=(), n_syncs=30, *, arm=pad, seed=1):
         touch = Touch(
             link=0,
             path=np.array([[0.0, 0.028, 0.003]]),
@@ -96,30 +94,19 @@ def simulate(pad, ods_by_arm):
         )
         result = Run()
         result.world = world = World(scene, ods_by_arm(arm))
-        period_ns = round(1e9 / arm.bus.rate_hz)
+        inner = world.step
 
-        def advance(until_ns, frames=()):
-            step = world.step(until_ns, frames)
-            result.frames += [f._replace(t_ns=until_ns) for f in step.frames]
-            return step.wake_ns
+        def step(now_ns, frames=()):
+            said = inner(now_ns, frames)
+            result.frames += [f._replace(t_ns=now_ns) for f in said.frames]
+            return said
 
-        def idle(now_ns, until_ns):
-            wake_ns = advance(now_ns)
-            while wake_ns < until_ns:
-                now_ns = max(wake_ns, now_ns + 1)
-                wake_ns = advance(now_ns)
-
-        idle(0, BOOTED_NS)
-        advance(BOOTED_NS, [Frame(0x000, b"\x01\x00")])
-        booted = len(result.boots())
-        for k in range(n_syncs):
-            now_ns = BOOTED_NS + (k + 1) * period_ns
-            advance(now_ns, [Frame(0x080)])
+        world.step = step
+        player = Player(world)
+        world.step(BOOT_NS, [Frame(0x000, b"\x01\x00")])  # a boot-up message may be lost
+        for _ in range(n_syncs):
+            player.cycle()
             result.counts.append(world.sampler.counts.copy())
-            idle(now_ns, now_ns + period_ns)
-            if restart and len(result.boots()) > booted:  # as the master would
-                booted = len(result.boots())
-                advance(now_ns + period_ns - 1, [Frame(0x000, b"\x01\x00")])
         return result
 
     return run
