@@ -116,7 +116,7 @@ def expand(step: str) -> Sequence[str]:
 
 
 class Actions:
-    """What the own program of a device, or its host, does in a step."""
+    """What the own program of a device, or its host, does in a step, beside what the device can itself."""
 
     def __init__(self, bench: Bench) -> None:
         self.bench = bench
@@ -131,7 +131,8 @@ class Actions:
         name, *rest = words
         named = dict(word.split("=") for word in rest if "=" in word)
         arguments = [argument(word) for word in rest if "=" not in word]
-        getattr(self, name)(*arguments, **{key: argument(word) for key, word in named.items()})
+        method = getattr(self, name, None) or getattr(self.device, name)
+        method(*arguments, **{key: argument(word) for key, word in named.items()})
 
     def boot(self) -> None:
         pass
@@ -144,15 +145,6 @@ class Actions:
 
     def sample(self, *readings) -> None:
         self.bench.sample(readings)
-
-    def ask(self, number) -> None:
-        self.device.transmit_tpdo(number)
-
-    def emcy(self, code, register=0, data=b"") -> None:
-        self.device.emcy(code, register, data)
-
-    def gone(self, code, data=None) -> None:
-        self.device.emcy_clear(code, data)
 
     def old(self) -> None:
         self.device.sample_status = SampleStatus.OLD
