@@ -50,16 +50,14 @@ def on_the_wire(frame):
 data_bytes = st.binary(max_size=8) | st.lists(st.sampled_from([0, 0xFF, 0x0F, 0x1F, 0xF8]), max_size=8).map(
     bytes
 )
-frames = st.one_of(
-    st.builds(Frame, st.integers(0, 0x7FF), data_bytes, st.just(0), st.sampled_from([0, RTR]), st.just(0)),
-    st.builds(
-        Frame,
-        st.integers(0, 0x1FFFFFFF),
-        data_bytes,
-        st.just(0),
-        st.sampled_from([EXTENDED, EXTENDED | RTR]),
-        st.just(0),
+frames = st.builds(
+    lambda extended, number, data, remote: Frame(
+        number if extended else number & 0x7FF, data, 0, extended | remote
     ),
+    st.sampled_from([0, EXTENDED]),
+    st.integers(0, 0x1FFFFFFF),
+    data_bytes,
+    st.sampled_from([0, RTR]),
 )
 
 

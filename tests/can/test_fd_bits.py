@@ -9,23 +9,9 @@ from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.can.wire_bits import fault, fd_bits
 from tests.bus.cores import Talker
+from tests.can.test_classic_bits import stuff
 
 BITRATE, DATA_BITRATE = 1_000_000, 5_000_000
-
-
-def stuffed(slow, fast):
-    """Both parts with the opposite bit after five equal ones, none after the very last bit."""
-    written, parts = "", ["", ""]
-    for k, bit in enumerate(slow + fast):
-        here = k >= len(slow)
-        written += bit
-        parts[here] += bit
-        last = k == len(slow + fast) - 1
-        if not last and written.endswith(("00000", "11111")):
-            opposite = "1" if bit == "0" else "0"
-            written += opposite
-            parts[here] += opposite
-    return parts
 
 
 def on_the_wire(frame):
@@ -38,7 +24,8 @@ def on_the_wire(frame):
         header = "0" + f"{frame.can_id:011b}" + "0" + "0" + "1" + "0" + switch
     code = LENGTHS.index(len(frame.data))
     body = ("1" if frame.flags & ESI else "0") + f"{code:04b}" + "".join(f"{b:08b}" for b in frame.data)
-    slow, fast = stuffed(header, body)
+    slow = stuff(header)
+    fast = (stuff(header + body[:-1]) + body[-1])[len(slow) :]  # none after the very last bit
     check = "c" * (4 + (17 if len(frame.data) <= 16 else 21))  # stuff count and CRC
     fast += "".join("f" + check[k : k + 4] for k in range(0, len(check), 4))
     end = "1" + "0" + "1" + "1" * 7 + "1" * 3  # CRC delimiter, ACK slot and delimiter, end, interframe

@@ -5,6 +5,7 @@ import pwd
 import signal
 import subprocess
 import sys
+from contextlib import closing
 
 import pytest
 
@@ -51,25 +52,14 @@ def test_no_snapshot_is_torn_and_a_killed_writer_leaves_the_last_whole_one(name,
     assert not reader.is_stopped
     assert reader.read(reader.newest) is not None
     assert read(name, 10)[:3] == (10, 0, 0)
-    with SharedNew(name) as writer:  # the name of a dead writer is free
+    with closing(SharedWriter(name, LAYOUT)) as writer:  # the name of a dead writer is free
         writer.write(uniform(1))
         assert SharedReader(name).newest == 1
 
 
-class SharedNew:
-    def __init__(self, name):
-        self.writer = SharedWriter(name, LAYOUT)
-
-    def __enter__(self):
-        return self.writer
-
-    def __exit__(self, *exc):
-        self.writer.close()
-
-
 def test_a_cycle_half_written_is_not_read(name):
     """A writer that dies in the middle of a cycle: the slot is marked, the newest is the one before."""
-    with SharedNew(name) as writer:
+    with closing(SharedWriter(name, LAYOUT)) as writer:
         for number in range(1, 4):
             writer.write(uniform(number))
         reader = SharedReader(name)
@@ -85,7 +75,7 @@ def test_a_cycle_half_written_is_not_read(name):
 
 
 def test_a_slot_that_was_gone_round_is_not_read(name):
-    with SharedNew(name) as writer:
+    with closing(SharedWriter(name, LAYOUT)) as writer:
         reader = SharedReader(name)
         for number in range(1, SLOTS + 3):
             writer.write(uniform(number))
@@ -130,7 +120,7 @@ def test_a_crafted_header_ends_a_reader_soon(name, at, value):
 
 def test_only_plain_files_of_a_trusted_owner_are_opened_and_the_error_names_the_owner(name, tmp_path):
     path, other = path_of(name), tmp_path / "other"
-    with SharedNew(name):
+    with closing(SharedWriter(name, LAYOUT)):
         other.write_bytes(path.read_bytes())
 
     def refused(words):
@@ -154,7 +144,7 @@ def test_only_plain_files_of_a_trusted_owner_are_opened_and_the_error_names_the_
 
 
 def test_names_of_links_and_buses_and_the_table_of_patches_are_in_it(name):
-    with SharedNew(name):
+    with closing(SharedWriter(name, LAYOUT)):
         layout = SharedReader(name).layout
     assert (layout.name, layout.links, layout.buses) == (LAYOUT.name, LAYOUT.links, LAYOUT.buses)
     assert layout.node_id.tolist() == LAYOUT.node_id.tolist()
