@@ -48,14 +48,13 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.arrays import Bools, Floats
+from skinbus.estimate.kernels.layout import limit_of
 from skinbus.estimate.kernels.workspace import FREE, HELD, TOUCHED
-from skinbus.estimate.validation import check_arm, check_time
+from skinbus.estimate.validation import check_arm, check_fresh, check_time
 from skinbus.model import Arm
 
 Touches = npt.NDArray[np.int8]
 
-MOST: Final = 1e9
-"""What is read further from 0 counts as this, Pa: beyond the full scale of any board."""
 STEP_MOST_S: Final = 1.0
 """A longer gap counts as this: nothing is learned from time in which nothing was read."""
 ADJOINING: Final = 10e-3
@@ -163,7 +162,8 @@ class Baseline:
         n, p = arm.n_tactels, arm.n_patches
         self._patch, self._first = np.asarray(arm.tactel_patch), np.asarray(arm.patch_start[:-1])
         self._near, self._healthy = _near(arm), np.array(arm.tactel_healthy)
-        self._touch = np.array(arm.tactel_threshold)
+        # beyond any count: what is read further from 0 counts as this
+        self._touch, self._most = np.array(arm.tactel_threshold), 1.001 * np.abs(limit_of(arm))
         self._ratio = np.clip(arm.tactel_release / np.maximum(self._touch, 1e-9), 0.0, 1.0)
         # a board that declares no noise: no division, no threshold of 0
         self._declared2 = np.maximum(arm.tactel_noise, 1e-3) ** 2
@@ -197,13 +197,11 @@ class Baseline:
         t_ns = check_time(t_ns)
         if pressures.shape != (self.arm.n_tactels,) or pressures.dtype != np.float64:
             raise ValueError(f"pressures must be float64 of shape ({self.arm.n_tactels},)")
-        flags = np.ones(self.arm.n_patches, np.bool_) if fresh is None else np.asarray(fresh, np.bool_)
-        if flags.shape != (self.arm.n_patches,):
-            raise ValueError(f"fresh must have shape {(self.arm.n_patches,)}, got {flags.shape}")
+        flags = check_fresh(self.arm, fresh)
         dt = 0.0 if self._last_ns is None else 1e-9 * (t_ns - self._last_ns)
         self._last_ns, dt = t_ns, min(max(dt, 0.0), STEP_MOST_S)
         seen = flags[self._patch] & self._healthy & np.isfinite(pressures)
-        value = np.clip(np.where(seen, pressures, self._last), -MOST, MOST)
+        value = np.clip(np.where(seen, pressures, self._last), -self._most, self._most)
         second = value - 2.0 * self._last + self._earlier
         self._earlier, self._last = np.where(seen, self._last, self._earlier), value
         new = seen & (self._n_free == 0)
@@ -379,7 +377,7 @@ class Baseline:
         grown = self._drift[here] * age_s
         taken = kept.zeroed & self._healthy[here] & (EXPLAINED**2 * grown <= self._touch[here] ** 2)
         i, own = np.arange(here.start, here.stop)[taken], KeptZeros(*(column[taken] for column in kept))
-        w.zero[i], self._centre[i] = np.clip((own.zero, own.centre), -MOST, MOST)
+        w.zero[i], self._centre[i] = np.clip((own.zero, own.centre), -self._most[i], self._most[i])
         w.doubt[i] = own.doubt + grown[taken]
         w.variance[i] = np.maximum(own.variance, NOISE_LEAST**2 * self._declared2[i])
         w.touched[i] = np.where(own.touched, HELD, FREE)

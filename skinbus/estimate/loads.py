@@ -40,7 +40,7 @@ from skinbus.arrays import Bools, Floats
 from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.contacts import Contacts, Quality
 from skinbus.estimate.kernels.layout import limit_of, step_of
-from skinbus.estimate.validation import check_arm
+from skinbus.estimate.validation import check_arm, check_fresh
 from skinbus.model import Arm
 
 Ints = npt.NDArray[np.intp]
@@ -156,10 +156,7 @@ class LoadMeter:
         arm, shape = self.arm, (self.arm.n_tactels,)
         if np.shape(pressures) != shape or np.shape(touched) != shape:
             raise ValueError(f"pressures and touched must have shape {shape}")
-        flags = np.ones(arm.n_patches, np.bool_) if fresh is None else np.asarray(fresh, np.bool_)
-        if flags.shape != (arm.n_patches,):
-            raise ValueError(f"fresh must have shape ({arm.n_patches},), got {flags.shape}")
-        read = np.isfinite(pressures) & flags[arm.tactel_patch]
+        read = np.isfinite(pressures) & check_fresh(arm, fresh)[arm.tactel_patch]
         is_touched = (np.asarray(touched) != 0) & read & arm.tactel_healthy
         if read.all() and not is_touched.any():
             return self._nothing

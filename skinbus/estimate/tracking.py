@@ -57,7 +57,7 @@ from skinbus.arrays import Bools, Floats, Ints
 from skinbus.estimate.columns import record
 from skinbus.estimate.contacts import Contacts
 from skinbus.estimate.kernels.geometry import LinkSurface, distance, surface_of, wrap
-from skinbus.estimate.validation import check_arm, check_time
+from skinbus.estimate.validation import check_arm, check_fresh, check_time
 from skinbus.jit import inner_kernel, kernel
 from skinbus.model import Arm
 
@@ -89,9 +89,9 @@ FAR: Final = np.array([1e3, 1e3, 1e9])
 """s, a (m) and forces (N) beyond these are no contacts."""
 
 # --- Motion ----------------------------------------------------------------------------------------
-ACCELERATION: Final = 0.01
-"""White acceleration, m^2/s^3: 14 mm/s of change in 20 ms, what a sliding hand does (0.7 m/s^2)."""
-FORCE_WALK: Final = 100.0
+ACCELERATION: Final = (0.01, 0.01, 0.0)
+"""White acceleration of s and a, m^2/s^3: 14 mm/s of change in 20 ms, as of a sliding hand (0.7 m/s^2)."""
+WALK: Final = (0.0, 0.0, 100.0)
 """Random walk of the force, N^2/s: 1.4 N in 20 ms."""
 SIGMA_SPEED: Final = 0.7
 """Speed of a contact that has just come, m/s: a hand that wipes has 1."""
@@ -125,9 +125,6 @@ MERGE_NS: Final = 1_000_000_000
 """Longest time that a track may be hidden by another contact."""
 MERGE_REACH: Final = 40e-3
 """Two contacts closer than this may be seen as one, m: four pitches, where one of them is in a gap."""
-MERGE_STAY: Final = 20e-3
-"""Tracks that share a contact are no further from it, m: two that are seen as one are mostly closer, and
-speeds before a merger are not known so well that they last."""
 MERGE_SHARE: Final = 0.2
 """Share of the hidden contact's force that the common one must show over that of the other."""
 GAP: Final = (1.0, 1.6)
@@ -167,7 +164,8 @@ class Tracks:
     link, patch index of the link, and of the patch that felt it most when last seen
     s, a, force the raw estimate, when last seen; m, m, N
     mean        (n, 5) filtered s, a (m), ds/dt, da/dt (m/s), force (N) at t_ns
-    covariance  (n, 5, 5) of mean, symmetric and positive definite
+    covariance  (n, 3, 3) of s, a and force, which are independent: variance, covariance with the speed,
+                variance of the speed
     born_ns     when it was first seen
     seen_ns     when it was last seen
     contact_row (n_contacts,) row in these columns of each contact's track, -1 for none
@@ -212,12 +210,13 @@ TRACK: Final = record(
         "i8": "identity id slot state row link patch born_ns seen_ns updated_ns missed",
         "b1": "doubted shared is_hidden moving",
         "f8": "s a force",
-        "5f8": "mean",
-        "(5,5)f8": "covariance",
+        "(3,2)f8": "mean",
+        "(3,3)f8": "covariance",
     }
 )
 """A track; its public columns are those of :class:`Tracks`.
 
+mean       s, a and force, each with its speed
 updated_ns last time the filter took a contact in
 missed     cycles since it was seen
 is_hidden  it may be a part of the contact of another track, which is ...
@@ -228,7 +227,7 @@ CONTACT: Final = record({"i8": "link patch row track age_ns", "b1": "is_crowded"
 """A contact of this cycle, its row and the track it went to, -1 for none; z is s, a, force, r their
 variances."""
 _TIMES: Final = ("born_ns", "seen_ns", "updated_ns")
-_PUBLIC: Final = [field.name for field in fields(Tracks) if field.name in (TRACK.names or ())]
+_PUBLIC: Final = [field.name for field in fields(Tracks) if field.name in set(TRACK.names or ()) - {"mean"}]
 
 
 class Tracker:
@@ -288,12 +287,9 @@ class Tracker:
         Raises:
             ValueError: ``fresh`` has the wrong shape.
         """
-        t_ns, shape = check_time(t_ns), (self.arm.n_patches,)
-        flags = np.ones(shape, np.bool_) if fresh is None else np.asarray(fresh, np.bool_)
-        if flags.shape != shape:
-            raise ValueError(f"fresh must have shape {shape}, got {flags.shape}")
+        t_ns, flags = check_time(t_ns), check_fresh(self.arm, fresh)
         c = self._usable(contacts) if len(contacts) else self._none
-        c["age_ns"] = np.broadcast_to(age_ns, shape)[c["patch"]]
+        c["age_ns"] = np.broadcast_to(age_ns, flags.shape)[c["patch"]]
         if self._waiting:
             self._take_up(t_ns, flags)
         dt = self._begin(t_ns)
@@ -307,13 +303,14 @@ class Tracker:
         shown["row"] = np.append(c["row"], -1)[shown["row"]]
         contact_row = np.full(len(contacts), -1, np.int64)
         contact_row[c["row"]] = c["track"]
-        return Tracks(t_ns=t_ns, contact_row=contact_row, **{name: shown[name] for name in _PUBLIC})
+        mean = shown["mean"][:, [0, 1, 0, 1, 2], [0, 0, 1, 1, 0]]
+        columns = {name: shown[name] for name in _PUBLIC}
+        return Tracks(t_ns=t_ns, mean=mean, contact_row=contact_row, **columns)
 
     def _usable(self, contacts: Contacts) -> Rows:
         """Return the contacts that can be used, the strongest first, in whatever order they come."""
         z = np.stack([contacts.s, contacts.a, contacts.force], axis=-1)
         is_usable = (np.abs(z) < FAR).all(axis=1) & (z[:, 2] >= 0.0)  # false for NaN
-        is_usable &= (contacts.link >= 0) & (contacts.link < len(self.arm.links))
         order = np.lexsort((z[:, 1], z[:, 0], contacts.link, -z[:, 2]))
         rows = order[is_usable[order]][:MAX_TRACKS]
         c = np.zeros(len(rows), CONTACT)
@@ -387,15 +384,14 @@ class Tracker:
         for name in _TIMES:
             t[name] = t_ns
         t["state"], t["row"] = HELD, -1
-        t["mean"][0, [0, 1, 4]] = track.s, track.a, track.force
-        s, a, force = variance
-        t["covariance"] = np.diag([s, a, SIGMA_SPEED**2, SIGMA_SPEED**2, force])
+        t["mean"][0, :, 0] = track.s, track.a, track.force
+        t["covariance"][0, :, 0], t["covariance"][0, :2, 2] = variance, SIGMA_SPEED**2
         self._tracks = np.append(self._tracks, t)
 
     def _miss(self, i: int, c: Rows, away: Floats, t_ns: int, fresh: Bools) -> None:
         """Decide for a track without a contact why that is, and whether it has ended."""
         w, arm, t = self._tracks, self.arm, self._tracks[i]
-        unseen_ns, x = t_ns - t.seen_ns, t["mean"]
+        unseen_ns, x = t_ns - t.seen_ns, t["mean"][:, 0]
         if unseen_ns > self._blind_ns:
             t.state = LIFT
             return
@@ -404,16 +400,10 @@ class Tracker:
         # a contact near and strong enough to be that of both; two that meet have both been there before
         j = np.flatnonzero((c["track"] >= 0) & (away[i] <= MERGE_REACH))
         others = w[c["track"][j]]
-        is_both = c["z"][j, 2] >= others["mean"][:, 4] + MERGE_SHARE * x[4]
+        is_both = c["z"][j, 2] >= others["mean"][:, 2, 0] + MERGE_SHARE * x[2]
         j = j[is_both & (others["born_ns"] <= t.seen_ns)]
         if len(j) and unseen_ns <= MERGE_NS:
-            near = int(j[away[i, j].argmin()])
-            hider, z = int(c["track"][near]), c["z"][near, :2]
-            t.is_hidden = w["shared"][hider] = True
-            for one in (i, hider):  # they go on, but not out of the contact
-                off = w["mean"][one, :2] - z
-                off[1] = surface.wrap(off[1])
-                w["mean"][one, :2] = z + off * min(1.0, MERGE_STAY / max(away[one, near], MERGE_STAY))
+            t.is_hidden = w["shared"][c["track"][j[away[i, j].argmin()]]] = True
             return
         d = surface.distance(arm.tactel_s, arm.tactel_a, x[0], x[1])
         d = np.where(arm.tactel_link == t.link, d, np.inf)
@@ -445,12 +435,12 @@ def _price(
         t = tracks[i]
         x, on = t["mean"], surface_of(surface, t.link)
         _predict(x, t["covariance"], dt)
-        x[1] = wrap(x[1], on.period)
+        x[1, 0] = wrap(x[1, 0], on.period)
         for j in range(len(contacts)):
             c = contacts[j]
             if c.link == t.link and t_ns - t.seen_ns <= longest_ns:
                 age = 1e-9 * c.age_ns
-                away[i, j] = distance(on, x[0] - age * x[2], x[1] - age * x[3], c.z[0], c.z[1])
+                away[i, j] = distance(on, x[0, 0] - age * x[0, 1], x[1, 0] - age * x[1, 1], c.z[0], c.z[1])
     for j in range(len(contacts)):
         near, c = 0, contacts[j]
         for i in range(len(tracks)):
@@ -477,23 +467,21 @@ def _take(tracks: Rows, contacts: Rows, surface: Floats, dt: float, t_ns: int) -
         t.patch, t.missed, t.is_hidden, t.seen_ns = c.patch, 0, False, t_ns - c.age_ns
         if dt > 0.0 and not t.shared:
             _correct(t, c, surface_of(surface, t.link), t_ns)
-        noise2 = max(P[2, 2], P[3, 3])
+        noise2 = max(P[0, 2], P[1, 2])
         least2 = SPEED_HELD**2 if t.moving else max(SPEED_MOVE**2, 9.0 * noise2)
-        t.moving = x[2] ** 2 + x[3] ** 2 > least2
+        t.moving = x[0, 1] ** 2 + x[1, 1] ** 2 > least2
         t.state = MOVE if t.moving else HELD
 
 
 @inner_kernel
 def _predict(x: Floats, P: Floats, dt: float) -> None:
     """Carry a filter on by dt, s."""
-    for k in range(2):
-        v = k + 2
-        x[k] += dt * x[v]
-        P[k, k] += dt * (2.0 * P[k, v] + dt * P[v, v] + ACCELERATION * dt * dt / 3.0)
-        P[k, v] += dt * (P[v, v] + 0.5 * ACCELERATION * dt)
-        P[v, k] = P[k, v]
-        P[v, v] += ACCELERATION * dt
-    P[4, 4] += FORCE_WALK * dt
+    for k in range(3):
+        p, q = P[k], ACCELERATION[k] * dt
+        x[k, 0] += dt * x[k, 1]
+        p[0] += dt * (2.0 * p[1] + dt * (p[2] + q / 3.0) + WALK[k])
+        p[1] += dt * (p[2] + 0.5 * q)
+        p[2] += q
 
 
 @inner_kernel
@@ -502,28 +490,26 @@ def _off_line(t: Any, c: Any, on: LinkSurface, slack: float) -> tuple[float, flo
 
     slack: more of a place error, m
     """
-    ds, _, _, css = _seen(t, c, on, 0)
-    da, _, _, caa = _seen(t, c, on, 1)
-    css += slack * slack
-    caa += slack * slack
-    return ds * ds / css + da * da / caa, css * caa
+    d2, det = 0.0, 1.0
+    for k in range(2):
+        off, _, _, variance = _seen(t, c, on, k)
+        variance += slack * slack
+        d2 += off * off / variance
+        det *= variance
+    return d2, det
 
 
 @inner_kernel
 def _seen(t: Any, c: Any, on: LinkSurface, k: int) -> tuple[float, float, float, float]:
-    """Return how far a contact is off a track along axis k when it was sampled, m.
+    """Return how far a contact is off a track in s (0), a (1) or force (2) when it was sampled; m, N.
 
-    Then the covariances of the place and the speed with that, and its variance.
+    Then the covariances of the value and its speed with that, and its variance.
     """
-    x, P, v, age = t["mean"], t["covariance"], k + 2, 1e-9 * c.age_ns
-    off = c.z[k] - x[k] + age * x[v]
-    with_place, with_speed = P[k, k] - age * P[k, v], P[v, k] - age * P[v, v]
-    return (
-        wrap(off, on.period) if k == 1 else off,
-        with_place,
-        with_speed,
-        with_place - age * with_speed + c.r[k],
-    )
+    x, p, age = t["mean"][k], t["covariance"][k], 1e-9 * c.age_ns
+    off = c.z[k] - x[0] + age * x[1]
+    with_value, with_speed = p[0] - age * p[1], p[1] - age * p[2]
+    variance = with_value - age * with_speed + c.r[k]
+    return wrap(off, on.period) if k == 1 else off, with_value, with_speed, variance
 
 
 @inner_kernel
@@ -531,28 +517,23 @@ def _correct(t: Any, c: Any, on: LinkSurface, t_ns: int) -> None:
     """Correct the filter of a track by a contact, unless it is the first that is off its line."""
     x, P = t["mean"], t["covariance"]
     d2, _ = _off_line(t, c, on, 0.0)
-    if d2 > GATE and not c.is_crowded:
-        if not t.doubted:  # a contact at a seam may be wrong by more than it says: wait for the next
-            t.doubted = True
-            return
-        for k in range(5):  # a manoeuvre: forget the past in the measure that it was wrong
-            for m in range(5):
-                P[k, m] *= d2 / GATE
+    is_off = d2 > GATE and not c.is_crowded
+    if is_off and not t.doubted:  # a contact at a seam may be wrong by more than it says: wait for the next
+        t.doubted = True
+        return
     t.doubted = False
     t.updated_ns = t_ns
-    for k in range(2):
-        y, p, q, total = _seen(t, c, on, k)
-        v = k + 2
-        x[k] += p / total * y
-        x[v] += q / total * y
-        P[v, v] -= q * q / total
-        P[k, k] -= p * p / total
-        P[k, v] -= p * q / total
-        P[v, k] = P[k, v]
-    total = P[4, 4] + c.r[2]
-    x[4] += P[4, 4] / total * (c.z[2] - x[4])
-    P[4, 4] *= c.r[2] / total
-    x[1] = wrap(x[1], on.period)
+    for k in range(3):
+        p = P[k]
+        for m in range(3):  # a manoeuvre: forget the past in the measure that it was wrong
+            p[m] *= d2 / GATE if is_off else 1.0
+        off, with_value, with_speed, variance = _seen(t, c, on, k)
+        x[k, 0] += with_value / variance * off
+        x[k, 1] += with_speed / variance * off
+        p[0] -= with_value * with_value / variance
+        p[1] -= with_value * with_speed / variance
+        p[2] -= with_speed * with_speed / variance
+    x[1, 0] = wrap(x[1, 0], on.period)
 
 
 @inner_kernel
@@ -561,8 +542,8 @@ def _pair_cost(t: Any, c: Any, on: LinkSurface, away: float, t_ns: int) -> float
     slack = min(MANOEUVRE * 1e-9 * (t_ns - t.updated_ns), MANOEUVRE_MOST)
     d2, det = _off_line(t, c, on, slack)
     if d2 <= GATE and away <= REACH:
-        df2 = (c.z[2] - t["mean"][4]) ** 2 / (t["covariance"][4, 4] + c.r[2])
-        cost = d2 + min(df2, FORCE_MOST) + math.log(det * 1e12)  # mm^2
+        off, _, _, variance = _seen(t, c, on, 2)
+        cost = d2 + min(off * off / variance, FORCE_MOST) + math.log(det * 1e12)  # mm^2
         return float(cost + COST_HIDDEN) if t.is_hidden else float(cost)
     if not t.is_hidden:
         away = min(away, distance(on, t.s, t.a, c.z[0], c.z[1]))

@@ -5,6 +5,10 @@ from __future__ import annotations
 import operator
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.arrays import Bools
 from skinbus.model import Arm
 
 TIME_LEAST, TIME_MOST = -(2**61), 3 * 2**61 - 1
@@ -42,6 +46,19 @@ def check_arm(arm: Any) -> None:
         ):
             ends = f"{s.min():.4g} to {s.max():.4g} m"
             raise ValueError(f"{link.name} has tactels at s = {ends}; it ends at {link.surface.length:.4g} m")
+
+
+def check_fresh(arm: Arm, fresh: npt.ArrayLike | None) -> Bools:
+    """Return of which patches readings are there, (n_patches,); None for all.
+
+    Raises:
+        ValueError: it has the wrong shape.
+    """
+    shape = (arm.n_patches,)
+    flags = np.ones(shape, np.bool_) if fresh is None else np.asarray(fresh, np.bool_)
+    if flags.shape != shape:
+        raise ValueError(f"fresh must have shape {shape}, got {flags.shape}")
+    return flags
 
 
 def check_integer(name: str, value: Any) -> int:
