@@ -230,8 +230,9 @@ class Plausibility:
 
         Those that are only out of their band stay: the baseline needs them, and marks them itself.
 
-        pressures: (n_tactels,) float64, Pa, calibrated, before any zero is subtracted.
-        fresh:     (n_patches,) False where readings are missing.
+        pressures: (n_tactels,) float64, Pa, calibrated, before any zero is subtracted; finite. Where they are
+                   not fresh, the newest that came.
+        fresh:     (n_patches,) False where readings are missing, or are not used.
         baseline:  as the last cycle has left it.
         """
         now_ns = check_time(t_ns)
@@ -301,6 +302,8 @@ def _judge(
         b = skin.boards[p]
         b.is_withheld = b.is_repeated = False
         if not fresh[p]:
+            for i in range(b.start, b.stop):
+                skin.tactels[i].value = pressures[i]  # it may come again once the board is used
             continue
         is_touched = False
         for i in range(b.start, b.stop):

@@ -51,7 +51,7 @@ class Gather:
         """``freshness`` decides which frames answer the SYNC of their cycle; older samples are not used."""
         self.plan = plan
         self.counters = FrameCounters()
-        self.counts, self._unused_counts = np.zeros((2, n_tactels), np.int32)
+        self.counts = np.zeros(n_tactels, np.int32)
         """Newest counts of every tactel; stale where ``close`` says so."""
         n_patches = len(plan.expected)
         self.seen = np.zeros(n_patches, np.int32)
@@ -182,12 +182,9 @@ class Gather:
     def _take_late(self, n: int, batch: FrameBatch) -> None:
         """Count n frames of a closed cycle, those in the batch: they answer its SYNC, or one before."""
         self.counters.late += n
-        # Nothing reads these counts: of a closed cycle the next one overwrites them.
-        counts, seen = (
-            (self._unused_counts, np.zeros_like(self.seen)) if self.is_open else (self.counts, self.seen)
-        )
+        seen = np.zeros_like(self.seen) if self.is_open else self.seen
         self.freshness.take_back(self.is_open)
-        self.plan.unpack(batch, counts, seen, None, None, self.freshness.answers)
+        self.plan.unpack(batch, self.counts, seen, None, None, self.freshness.answers)
         self.freshness.take_back(-self.is_open)
 
     def _missing(self) -> int:

@@ -173,7 +173,8 @@ class ReadingsPlan:
     ) -> Unpacked:
         """Write the readings of a ``FrameBatch`` into counts and mark their TPDOs in ``seen``.
 
-        With ``answers`` only frames that answer the newest SYNC are written and marked; see ``Answers``.
+        With ``answers`` only frames that answer the newest SYNC are marked, and frames that answer none are
+        not written; see ``Answers``.
 
         Args:
             counts: (n_tactels,) int32; only tactels whose frame came are written.
@@ -192,7 +193,8 @@ class ReadingsPlan:
             return result
         pdo, data = pdo[rows], batch.frames["data"][rows]
         if answers is not None:
-            answer, excess = self._account(pdo, data, batch.t_ns[rows], answers)
+            answer, older, excess = self._account(pdo, data, batch.t_ns[rows], answers)
+            self._write(pdo[older], data[older], counts, np.zeros_like(seen), None)
             self._write(pdo[answer], data[answer], counts, seen, stamps)
             if excess:
                 tactels, values = self._decode(pdo[excess], data[excess])
@@ -254,8 +256,10 @@ class ReadingsPlan:
         words -= np.where(words >= self._above[pdo], span, 0)  # signed, with the top bit set
         return self._tactel[pdo], words
 
-    def _account(self, pdo: Ints32, data: Bytes, t_ns: Ints, answers: Answers) -> tuple[list[int], list[int]]:
-        """Return which frames answer the newest SYNC and which answer none; keep the account."""
+    def _account(
+        self, pdo: Ints32, data: Bytes, t_ns: Ints, answers: Answers
+    ) -> tuple[list[int], list[int], list[int]]:
+        """Return which frames answer the newest SYNC, an earlier one, or none; keep the account."""
         patch = self.pdo_patch[pdo]
         np.bitwise_or.at(answers.came, patch, self.pdo_bit[pdo])
         np.add.at(answers.n_frames, patch, 1)
@@ -264,18 +268,17 @@ class ReadingsPlan:
         if counter:
             at = self._stamp[pdo, 0]
             carried = np.where(at >= 0, data[np.arange(len(pdo)), at], 0).tolist()
-        due, answer, excess = answers.due.tolist(), [], []
+        due = answers.due.tolist()
+        answer, older, excess = list[int](), list[int](), list[int]()
         for k, (d, sampled_for) in enumerate(zip(pdo.tolist(), carried, strict=True)):
             if sampled_for and sampled_for != counter:
+                older.append(k)
                 continue
             left = min(due[d], 1) if sampled_for else due[d]
-            if left == 1:
-                answer.append(k)
-            elif left <= 0:
-                excess.append(k)
+            (answer if left == 1 else excess if left <= 0 else older).append(k)
             due[d] = left - (left > 0)
         answers.due[:] = due
-        return answer, excess
+        return answer, older, excess
 
 
 def _carriers(patch: int, od: ObjectDictionary) -> list[PdoMap]:

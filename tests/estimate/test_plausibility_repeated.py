@@ -56,6 +56,16 @@ def test_frozen_board_is_withheld_from_its_first_repetition_to_its_first_new_sam
     assert not any(withheld(skin, touch, 50))
 
 
+def test_board_that_froze_while_it_was_not_used_is_withheld_when_it_is_used_again():
+    skin = Skin(11, Frozen(150, 400))
+    skin.read(cycles=140)
+    skin.fresh[PATCH] = False
+    skin.read(PRESS, cycles=20)
+    skin.fresh[PATCH] = True
+    assert all(withheld(skin, PRESS, 240))
+    assert not any(withheld(skin, PRESS, 50))
+
+
 @pytest.mark.parametrize(
     "noise", [0.15, 0.3, *(pytest.param(noise, marks=pytest.mark.slow) for noise in (0.05, 0.6))]
 )

@@ -49,6 +49,7 @@ def test_frame_that_comes_a_cycle_late_never_makes_readings_of_two_cycles(gather
     assert cycle(gather, 20, [first[3], *second[:3]]) == [False]  # all four TPDOs came, of two cycles
     assert gather.freshness.is_behind.tolist() == [True]
     assert cycle(gather, 40, frames_of(gather, 3)) == [False]  # its fourth TPDO may be a cycle behind
+    assert (gather.counts == 3).all(), "known, should it come again, and not used"
     assert cycle(gather, 80, frames_of(gather, 4)) == [True]  # it is not: in a gap it sent nothing else
 
 
