@@ -37,6 +37,9 @@ class Sample(NamedTuple):
 SCAN_NS = 1_000_000
 """From one look at the readings of patches that run freely to the next."""
 
+START_NS = 500_000_000
+"""For so long patches are not there until each has a reading: one that has none yet has not failed."""
+
 Source = Callable[[int], Sample]
 """Return the newest sample at a time (ns), without waiting; it is asked at each SYNC.
 
@@ -93,6 +96,7 @@ class PatchHost(Core):
         self._scan_ns = NEVER
         self._cob_ids = frozenset({SYNC_ID})
         self._is_on = False
+        self._begun_ns = NEVER
         self.deaf: CobIds = frozenset()
         """Node-IDs of those that receive nothing now: their plug is pulled."""
 
@@ -111,6 +115,10 @@ class PatchHost(Core):
         out: list[Frame] = []
         events: list[Event] = []
         if not self._is_on:
+            self._begun_ns = min(self._begun_ns, now_ns)
+            have_begun = np.logical_or.reduceat(self._source(now_ns).healthy, self._ends - self._sizes)
+            if not have_begun.all() and now_ns < self._begun_ns + START_NS:
+                return Step((), (), now_ns + SCAN_NS)
             self._is_on = True
             for i, boot_s in enumerate(self._boot_s):
                 self.wake(i, now_ns + round(1e9 * boot_s))
