@@ -185,13 +185,7 @@ def _dcf_of(module: str, board: NewBoard) -> str:
     type=click.IntRange(0, 15),
     help="Address of the first board in the file.",
 )
-@click.option(
-    "--out",
-    required=True,
-    type=click.Path(path_type=Path),
-    callback=output.folder,
-    help="Folder for the files.",
-)
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for the files.")
 def import_skin(positions: Path, mesh: str | None, first_board: int, out: Path) -> None:
     """Write an arm file and EDS files from POSITIONS, the tactels of a link in the format of the iCub.
 
@@ -210,6 +204,7 @@ def import_skin(positions: Path, mesh: str | None, first_board: int, out: Path) 
     files, fit = icub.import_skin(
         skin, first_board=first_board, mesh=os.path.relpath(mesh, out) if mesh else None
     )
+    out.mkdir(parents=True, exist_ok=True)
     for name in files:
         output.try_to_write(out / name)
     for name, text in files.items():
