@@ -68,21 +68,14 @@ void sb_put(struct sb_board *b, uint16_t index, uint8_t sub, uint32_t value)
         sb_store(&b->image[offset(run, sub)], value, run->size);
 }
 
-static void changed(struct sb_board *b, uint16_t index)
-{
-    if (index >= 0x1400 && index < 0x1C00)
-        sb_pdo_changed(b, index);
-    else
-        sb_node_changed(b, index);
-}
-
 bool sb_set(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data)
 {
     const struct sb_run *run = sb_find(index, sub);
     if (!run || !run->size)
         return false;
     memcpy(&b->image[offset(run, sub)], data, run->size);
-    changed(b, index);
+    sb_pdo_changed(b, index);
+    sb_node_changed(b, index);
     return true;
 }
 
@@ -223,29 +216,26 @@ static void mark(struct sb_board *b, const struct sb_run *run)
     }
 }
 
-/* Take the data of a download; those of a text may be in their place already. */
+/* Take the data of a download; those of a text are in their place already. */
 uint32_t sb_write(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data, uint32_t n)
 {
     const struct sb_run *run = sb_find(index, sub);
     uint8_t *to = sb_at(b, index, sub);
     const uint32_t value = sb_load(data, n < 4 ? n : 4);
     uint32_t code;
-    if (run->size && n != run->size)
-        return n > run->size ? ABORT_LENGTH_HIGH : ABORT_LENGTH_LOW;
-    if ((code = sb_check(run, data)) != 0 ||
-        (code = (index >= 0x1400 && index < 0x1C00 ? sb_pdo_check : sb_node_check)(b, index, sub, value)) != 0 ||
-        (code = sb_ask_host(b, index, sub, data)) != 0)
+    if ((code = sb_check(run, data)) != 0 || (code = sb_pdo_check(b, index, sub, value)) != 0 ||
+        (code = sb_node_check(b, index, sub, value)) != 0 || (code = sb_ask_host(b, index, sub, data)) != 0)
         return code;
     if (is_command(index))
         return sb_storage_command(b, index, sub, data);
     if (!run->size) {
         sb_store(to, n, 2);
-        memmove(to + 2, data, n);
         mark(b, run);
     } else if (memcmp(to, data, n) != 0) {
         memcpy(to, data, n);
         mark(b, run);
     }
-    changed(b, index);
+    sb_pdo_changed(b, index);
+    sb_node_changed(b, index);
     return 0;
 }

@@ -43,16 +43,16 @@ static void begin(struct sb_board *b, uint8_t command, uint32_t least, uint32_t 
     b->sdo_deadline = sb_after(b, TIMEOUT_MS);
 }
 
-/* Begin a download in segments: numbers are written when all of their bytes are there, texts come into their
- * place, where from here on there is none. */
+/* Begin a download: numbers are written when all of their bytes are there, texts come into their place, where from
+ * here on there is none. */
 static uint32_t begin_download(struct sb_board *b, bool is_announced, uint32_t n)
 {
-    const uint32_t size = sb_find(b->sdo_index, b->sdo_sub)->size;
-    if (is_announced && size && n != size)
-        return n > size ? ABORT_LENGTH_HIGH : ABORT_LENGTH_LOW;
-    if (is_announced && n > (size ? size : SB_TEXT_ROOM))
-        return ABORT_MEMORY;
-    begin(b, DOWNLOAD, is_announced ? n : 0, is_announced ? n : size ? size : SB_TEXT_ROOM);
+    const uint32_t size = sb_find(b->sdo_index, b->sdo_sub)->size, room = size ? size : SB_TEXT_ROOM;
+    if (is_announced && n > room)
+        return size ? ABORT_LENGTH_HIGH : ABORT_MEMORY;
+    if (is_announced && n < size)
+        return ABORT_LENGTH_LOW;
+    begin(b, DOWNLOAD, is_announced ? n : size, is_announced ? n : room);
     b->sdo_data = b->sdo_buffer;
     if (!size) {
         b->sdo_data = sb_at(b, b->sdo_index, b->sdo_sub) + 2;
@@ -61,15 +61,30 @@ static uint32_t begin_download(struct sb_board *b, bool is_announced, uint32_t n
     return 0;
 }
 
+/* Take bytes of a download; with the last ones the object is written. */
+static uint32_t take(struct sb_board *b, const uint8_t *data, uint32_t n, bool is_last)
+{
+    if (b->sdo_done + n > b->sdo_most)
+        return ABORT_LENGTH_HIGH;
+    memcpy(&b->sdo_data[b->sdo_done], data, n);
+    b->sdo_done += n;
+    if (!is_last)
+        return 0;
+    b->sdo_command = 0;
+    return b->sdo_done < b->sdo_least ? ABORT_LENGTH_LOW
+                                      : sb_write(b, b->sdo_index, b->sdo_sub, b->sdo_data, b->sdo_done);
+}
+
 static void download(struct sb_board *b, const uint8_t *data)
 {
+    const bool is_expedited = data[0] & EXPEDITED, is_size_given = data[0] & SIZE_GIVEN;
     uint32_t code = sb_permit(b->sdo_index, b->sdo_sub, SB_WRITE);
-    if (!code && data[0] & EXPEDITED) {
-        const unsigned size = sb_find(b->sdo_index, b->sdo_sub)->size, said = 4u - (data[0] >> 2 & 3);
-        const unsigned n = data[0] & SIZE_GIVEN ? said : size && size < 4 ? size : 4;
-        code = sb_write(b, b->sdo_index, b->sdo_sub, &data[4], n);
-    } else if (!code)
-        code = begin_download(b, data[0] & SIZE_GIVEN, sb_load(&data[4], 4));
+    if (!code)
+        code = begin_download(b, is_size_given && !is_expedited, sb_load(&data[4], 4));
+    if (!code && is_expedited) {
+        const uint32_t n = is_size_given ? 4u - (data[0] >> 2 & 3) : b->sdo_most < 4 ? b->sdo_most : 4;
+        code = take(b, &data[4], n, true);
+    }
     if (code)
         give_up(b, code);
     else
@@ -78,18 +93,7 @@ static void download(struct sb_board *b, const uint8_t *data)
 
 static void download_segment(struct sb_board *b, const uint8_t *data)
 {
-    const uint32_t n = SEGMENT - (data[0] >> 1 & 7);
-    uint32_t code = b->sdo_done + n > b->sdo_most ? ABORT_LENGTH_HIGH : 0;
-    if (!code) {
-        memcpy(&b->sdo_data[b->sdo_done], &data[1], n);
-        b->sdo_done += n;
-        if (data[0] & LAST) {
-            code = b->sdo_done < b->sdo_least
-                       ? ABORT_LENGTH_LOW
-                       : sb_write(b, b->sdo_index, b->sdo_sub, b->sdo_data, b->sdo_done);
-            b->sdo_command = 0;
-        }
-    }
+    const uint32_t code = take(b, &data[1], SEGMENT - (data[0] >> 1 & 7), data[0] & LAST);
     if (code)
         give_up(b, code);
     else

@@ -113,8 +113,9 @@ static unsigned in_force(struct sb_board *b, struct head *head)
 }
 
 /* Open the page in force after its head; what it returns is not good if there is none of this device. */
-static struct page open_stored(struct sb_board *b, unsigned number, const struct head *head)
+static struct page open_stored(struct sb_board *b, struct head *head)
 {
+    const unsigned number = in_force(b, head);
     const bool is_ours = head->vendor == sb_get(b, 0x1018, 1) && head->product == sb_get(b, 0x1018, 2);
     return (struct page){.b = b, .number = number, .next = sizeof *head, .is_good = number < 2 && is_ours};
 }
@@ -123,11 +124,10 @@ static struct page open_stored(struct sb_board *b, unsigned number, const struct
 static uint32_t rewrite(struct sb_board *b, unsigned fresh, unsigned dropped, bool is_mark_dropped)
 {
     struct head head;
-    const unsigned old = in_force(b, &head);
+    struct page from = open_stored(b, &head);
+    struct page to = {.b = b, .number = from.number == 0 ? 1 : 0, .is_good = true};
     const uint32_t sequence = head.sequence + 1;
     const uint8_t configured[2] = {b->next_node_id, b->bit_rate}, padding[8] = {0};
-    struct page from = open_stored(b, old, &head);
-    struct page to = {.b = b, .number = old == 0 ? 1 : 0, .is_good = true};
     struct stored stored;
     head = (struct head){MAGIC, sequence, sb_get(b, 0x1018, 1), sb_get(b, 0x1018, 2)};
     put(&to, &head, sizeof head);
@@ -183,9 +183,8 @@ bool sb_storage_load(struct sb_board *b, unsigned groups)
 {
     struct head head;
     struct stored stored;
-    const unsigned number = in_force(b, &head);
-    struct page page = open_stored(b, number, &head);
-    bool is_good = page.is_good || number == NONE;
+    struct page page = open_stored(b, &head);
+    bool is_good = page.is_good || page.number == NONE;
     while (next_run(&page, &stored))
         if (group_of(stored.index) & groups)
             is_good = take_run(b, &page, &stored) && is_good;
