@@ -6,14 +6,13 @@ from types import SimpleNamespace
 
 import click
 import pytest
-from click.testing import CliRunner
 from rich.console import Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from skinbus.can.event import Event, EventKind
-from skinbus.cli import group, output
+from skinbus.cli import output
 from skinbus.cli.commands import assign, configure, scan
 from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
@@ -26,6 +25,7 @@ from skinbus.model import Arm, Link
 from skinbus.objects.contacts import ContactState
 from skinbus.view.screen import Screen
 from skinbus.view.table import contact_table
+from tests.cli.invoke import run
 
 HOSTILE = [
     "\x1b]0;title\x07",
@@ -139,7 +139,6 @@ def test_a_string_cannot_forge_a_line_of_the_log():
     "words", [["\x1b[2J"], ["run", "pad", "--interface", "\x1b[2J"], ["scan", "--\x1b[2J"]]
 )
 def test_words_of_the_command_line_are_escaped(words):
-    answer = CliRunner().invoke(group, words)
-    assert answer.exit_code == 2
-    assert "\x1b" not in answer.output
-    assert r"\x1b[2J" in answer.output
+    said = run(*words, status=2)
+    assert "\x1b" not in said
+    assert r"\x1b[2J" in said

@@ -1,10 +1,8 @@
 """Plans: what holds, what does not, and that the simulated wire keeps the promise."""
 
 import pytest
-from click.testing import CliRunner
 
 from skinbus.can.virtual_bus import VirtualBus
-from skinbus.cli import group
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master import Master
 from skinbus.model import grid
@@ -13,6 +11,7 @@ from skinbus.planning.plan import plans
 from skinbus.planning.schedule import Release, cycle_times
 from skinbus.planning.traffic import traffic
 from skinbus.sim import World, load_scene
+from tests.cli.invoke import run
 
 COMPUTES = {"kmeans": 400_000, "fit": 500_000}
 
@@ -67,11 +66,9 @@ def test_simulated_wire_keeps_every_bound_of_its_cycle(name):
 
 @pytest.mark.slow
 def test_command_answers_with_its_exit_status():
-    good = CliRunner().invoke(group, ["plan", "forearm", "--compute-us", "500"])
-    assert good.exit_code == 0, good.output
-    bad = CliRunner().invoke(group, ["plan", "forearm", "--compute-us", "500", "--bitrate", "500000"])
-    assert bad.exit_code == 1, bad.output
-    assert "1 Mbit/s" in bad.output
+    run("plan", "forearm", "--compute-us", "500")
+    bad = run("plan", "forearm", "--compute-us", "500", "--bitrate", "500000", status=1)
+    assert "1 Mbit/s" in bad
 
 
 @pytest.mark.slow

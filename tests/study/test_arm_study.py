@@ -4,9 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from skinbus.cli.commands.study import command
 from skinbus.estimate import LEVELS
 from skinbus.model import Arm
 from skinbus.model.patch import grid
@@ -23,6 +21,7 @@ from skinbus.study.arm_study import (
     measure_arm,
     with_bits,
 )
+from tests.cli.invoke import run
 
 PITCH = 0.01
 PAD = Arm.single_patch(grid(4, 4, PITCH))
@@ -97,9 +96,7 @@ def test_points_of_an_arm_become_a_table_and_a_figure(tmp_path, monkeypatch):
         for c, bits, n, level in product(CONDITIONS, BITS, FINGERS, LEVELS)
     ]
     monkeypatch.setattr(arm_study, "measure_arm", lambda arm, **settings: points)
-    result = CliRunner().invoke(command, ["arm", "pad", "--out", str(tmp_path)])
-    assert result.exit_code == 0, result.output
-    assert result.output.count("pad, 8 bit, ") == 2
+    assert run("study", "arm", "pad", "--out", tmp_path).count("pad, 8 bit, ") == 2
     assert {file.name for file in tmp_path.iterdir()} == {"accuracy.csv", "accuracy-pad.svg"}
     assert len((tmp_path / "accuracy.csv").read_text().splitlines()) == 1 + N_POINTS
 

@@ -4,11 +4,10 @@ import secrets
 from contextlib import ExitStack, contextmanager
 
 import pytest
-from click.testing import CliRunner
 
 from skinbus.bus.core_thread import CoreThread
 from skinbus.bus.pythoncan import PythonCanBus
-from skinbus.cli import group
+from tests.cli.invoke import run
 
 
 class OwnBus:
@@ -27,10 +26,9 @@ class OwnBus:
                 stack.callback(thread.stop)
             yield
 
-    def run(self, *words, text=""):
+    def run(self, *words, **settings):
         """Run a command on it."""
-        bus = ["--interface", "virtual", "-c", self.channel]
-        return CliRunner().invoke(group, [*map(str, words), *bus], input=text)
+        return run(*words, "--interface", "virtual", "-c", self.channel, **settings)
 
 
 @pytest.fixture

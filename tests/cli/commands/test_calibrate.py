@@ -5,15 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from skinbus.cli import group
 from skinbus.config.system import load_arm
-from skinbus.errors import ConfigError
 from skinbus.estimate.calibration.table import kind_of
 from skinbus.model import Arm, Radial
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
+from tests.cli.invoke import refused, run
 
 ARM = """
 [arm]
@@ -67,10 +65,6 @@ def write_presses(path, arm, *, zero=0, n=130, around=None):
     return gain
 
 
-def run(*args):
-    return CliRunner().invoke(group, ["calibrate", *map(str, args)])
-
-
 def profile_error(law):
     d = np.linspace(0.0, 0.02, 100)
     return np.abs(law.profile(d) - LAW.profile(d)).max() / LAW.table[0]
@@ -79,9 +73,8 @@ def profile_error(law):
 @pytest.mark.slow
 def test_presses_become_files_that_an_arm_file_takes(arm_file, tmp_path):
     gain = write_presses(tmp_path / "presses.csv", load_arm(arm_file), zero=400, n=300)
-    result = run(arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf")
-    assert result.exit_code == 0, result.output
-    assert "converged" in result.output
+    result = run("calibrate", arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf")
+    assert "converged" in result
     for node_id, own in ((3, gain[:16]), (4, gain[16:])):
         patch = describe_patch(load_eds(tmp_path / f"mine-{node_id}.dcf", node_id))
         assert profile_error(patch.law) < 0.02
@@ -106,9 +99,7 @@ def test_every_fault_of_a_file_is_said_at_once_and_nothing_is_written(arm_file, 
         "4,10,0,,1,2\n"
         "3,10,0,-1,100,200\n"
     )
-    result = run(arm_file, path, "--out", tmp_path / "mine.dcf")
-    assert isinstance(result.exception, ConfigError)
-    said = str(result.exception)
+    said = refused("calibrate", arm_file, path, "--out", tmp_path / "mine.dcf")
     for words in (
         "line 2, a_mm: is 'zero'; wanted a number",
         "line 3, node_id: is '9'; wanted a patch of the arm",
@@ -137,20 +128,16 @@ def test_every_fault_of_a_file_is_said_at_once_and_nothing_is_written(arm_file, 
 )
 def test_file_that_cannot_be_learned_from_says_why(arm_file, tmp_path, text, words):
     (tmp_path / "presses.csv").write_text(text)
-    result = run(arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf")
-    assert isinstance(result.exception, ConfigError)
-    assert words in str(result.exception)
+    assert words in refused("calibrate", arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf")
 
 
 @pytest.mark.slow
 def test_too_few_presses_are_refused_and_written_only_by_force(arm_file, tmp_path):
     write_presses(tmp_path / "presses.csv", load_arm(arm_file), n=20)
-    result = run(arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf")
-    assert result.exit_code == 1
-    assert "too few" in result.output
+    result = run("calibrate", arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf", status=1)
+    assert "too few" in result
     assert not list(tmp_path.glob("*.dcf"))
-    result = run(arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf", "--force")
-    assert result.exit_code == 0, result.output
+    result = run("calibrate", arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf", "--force")
     assert len(list(tmp_path.glob("*.dcf"))) == 2
 
 

@@ -10,17 +10,16 @@ import sys
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from skinbus.cli.commands.doctor import check_controller, check_interface, command, unit_text
+from skinbus.cli.commands.doctor import check_controller, check_interface, unit_text
 from skinbus.cli.notify import Notifier
 from skinbus.config.arm_file import find_arm
 from skinbus.config.arm_tables import ArmTable
 from skinbus.config.system import load_arm
-from skinbus.errors import AddressError, ConfigError
 from skinbus.skin.addresses import BusAddress
 from skinbus.skin.cycle import SkinLayout
 from skinbus.skin.shared_memory import SharedWriter, path_of
+from tests.cli.invoke import refused, run
 
 MAX_EXPOSURE = 25
 """Of systemd-analyze security, in tenths."""
@@ -59,33 +58,27 @@ def test_a_manager_that_is_none_or_gone_does_no_harm(path, monkeypatch):
 
 
 def test_doctor_says_what_to_do_and_returns_one():
-    answer = CliRunner().invoke(command, ["forearm", "--channel", "nocan9"])
-    assert answer.exit_code == 1, answer.output
-    assert re.search(r"^fix  interface +nocan9 does not exist.*\n +-> ", answer.output, re.MULTILINE)
-    assert re.search(r"^ok   arm +forearm: 24 patches", answer.output, re.MULTILINE)
+    answer = run("doctor", "forearm", "--channel", "nocan9", status=1)
+    assert re.search(r"^fix  interface +nocan9 does not exist.*\n +-> ", answer, re.MULTILINE)
+    assert re.search(r"^ok   arm +forearm: 24 patches", answer, re.MULTILINE)
 
 
 def test_doctor_finds_a_wrong_arm_file(tmp_path):
     wrong = tmp_path / "wrong.toml"
     wrong.write_text("[arm]\nrate_hz = 50.0\n")
-    answer = CliRunner().invoke(command, [str(wrong), "--interface", "virtual", "--channel", "empty-bus"])
-    assert answer.exit_code == 1
-    assert "-> mend the file" in answer.output
+    answer = run("doctor", wrong, "--interface", "virtual", "--channel", "empty-bus", status=1)
+    assert "-> mend the file" in answer
 
 
 def test_doctor_of_buses_without_channels_names_them_and_goes_on():
-    answer = CliRunner().invoke(command, ["arm-two-buses"])
-    assert answer.exit_code == 1
-    assert "bus lower has no channel" in answer.output
-    assert "wake-ups" in answer.output
-    wrong = CliRunner().invoke(command, ["arm-two-buses", "--interface", "virtuel"])
-    assert isinstance(wrong.exception, AddressError)
+    answer = run("doctor", "arm-two-buses", status=1)
+    assert "bus lower has no channel" in answer
+    assert "wake-ups" in answer
+    run("doctor", "arm-two-buses", "--interface", "virtuel", status=2)
 
 
 def test_doctor_of_an_arm_that_does_not_exist_is_a_mistake_not_a_finding():
-    answer = CliRunner().invoke(command, ["nosuch"])
-    assert isinstance(answer.exception, ConfigError)
-    assert not answer.output
+    assert refused("doctor", "nosuch").startswith("nosuch: 1 fault")
 
 
 def test_interface_is_what_ip_says_of_it(tmp_path, monkeypatch):
@@ -127,9 +120,8 @@ def test_controller_findings_have_advice_where_something_is_wrong(data, fd, advi
 def test_unit_runs_the_arm_that_the_doctor_was_given(tmp_path):
     arm = tmp_path / "my arm.toml"
     arm.write_text(find_arm("arm-two-buses").read_text())
-    answer = CliRunner().invoke(command, [str(arm), "--unit"])
-    assert answer.exit_code == 0, answer.output
-    (line,) = [line for line in answer.output.splitlines() if line.startswith("ExecStart=")]
+    answer = run("doctor", arm, "--unit")
+    (line,) = [line for line in answer.splitlines() if line.startswith("ExecStart=")]
     assert line.endswith(f' run "{arm}" --quiet --state %S/skinbus/state --share my-arm')
     analyze(tmp_path, unit_text("forearm"), "verify")
 

@@ -8,13 +8,12 @@ import cantools
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 from foxglove_schemas_protobuf import PointCloud_pb2, SceneUpdate_pb2
 from mcap.reader import make_reader
 
 from skinbus.can.candump import CandumpWriter, format_line
-from skinbus.cli import group
 from tests.cli.commands.recordings import WallClock, changed, frames_in
+from tests.cli.invoke import run
 from tests.master.buses_rig import ON_SEAM, BusesRig, write_scene
 
 
@@ -37,14 +36,8 @@ def here(monkeypatch, tmp_path):
     return tmp_path
 
 
-def export(*args):
-    return CliRunner().invoke(group, ["export", *map(str, args)])
-
-
-def exported(*args):
-    result = export(*args)
-    assert result.exit_code == 0, result.output
-    return result.output
+def exported(*args, **settings):
+    return run("export", *args, **settings)
 
 
 def decoded_by_cantools(arm, log, channel="can0", bus="", *, sync="can0"):
@@ -105,8 +98,7 @@ def test_an_arm_of_two_buses_has_a_dbc_for_each_and_all_its_readings(both, here)
 def test_parquet_has_the_contacts_of_replay(field, here):
     exported(field, "--arm", "pad", "--out", "x.parquet")
     table = pq.read_table("x.contacts.parquet").to_pylist()
-    run = CliRunner().invoke(group, ["replay", str(field), "--arm", "pad", "--out", "replay.csv"])
-    assert run.exit_code == 0
+    run("replay", field, "--arm", "pad", "--out", "replay.csv")
     expected = list(csv.DictReader(Path("replay.csv").read_text().splitlines()))
     assert len(table) == len(expected) > 20
     for row, other in zip(table, expected, strict=True):
@@ -173,8 +165,7 @@ def test_a_log_of_another_arm_leaves_what_was_there(field, here):
     before = Path("x.mcap").read_bytes()
     path = changed(here, [format_line(f) for f in frames_in(field) if not 0x181 <= f.can_id <= 0x4FF])
     for args in ((path,), (field, "-c", "can7")):
-        result = export(*args, "--arm", "pad", "--out", "x.mcap")
-        assert result.exit_code == 1
-        assert "answered a SYNC with readings" in result.output
+        said = exported(*args, "--arm", "pad", "--out", "x.mcap", status=1)
+        assert "answered a SYNC with readings" in said
     assert Path("x.mcap").read_bytes() == before
     exported(field, "--arm", "pad", "--out", "x.mcap")  # an older export is replaced

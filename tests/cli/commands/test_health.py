@@ -2,18 +2,13 @@
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from skinbus.cli import group
 from skinbus.cli.state_keeper import health_file
 from skinbus.master.health import SETTLED
+from tests.cli.invoke import refused, run
 from tests.master.watched import Watched
 
 SEED = 20261204
-
-
-def health(*args):
-    return CliRunner().invoke(group, ["doctor", "health", *map(str, args)])
 
 
 @pytest.fixture(scope="module")
@@ -33,37 +28,33 @@ def state(tmp_path):
 
 def test_a_healthy_board_has_nothing_to_do(tables, state):
     health_file(state).save(tables["good"])
-    result = health("pad", "--state", state)
-    assert (result.exit_code, "nothing to do" in result.output) == (0, True), result.output
+    assert "nothing to do" in run("doctor", "health", "pad", "--state", state)
 
 
 def test_a_board_that_was_seen_too_briefly_is_not_commissioned_yet(state):
     watched = Watched(SEED)
     watched.run(10 * SETTLED // 2)
     health_file(state).save(watched.tables())
-    result = health("pad", "--state", state)
-    assert result.exit_code == 0
-    assert "node 1: not commissioned yet" in result.output
-    assert "5 min while the master runs" in result.output
-    assert "nothing to do" not in result.output
+    said = run("doctor", "health", "pad", "--state", state)
+    assert "node 1: not commissioned yet" in said
+    assert "5 min while the master runs" in said
+    assert "nothing to do" not in said
 
 
 def test_what_changed_is_named_with_what_to_do(tables, state):
     health_file(state).save(tables["bad"])
-    result = health("pad", "--state", state)
-    assert result.exit_code == 1
-    assert "node 1 tactels 1-3: noise 3 times that at commissioning" in result.output
-    assert "replace the board" in result.output
+    said = run("doctor", "health", "pad", "--state", state, status=1)
+    assert "node 1 tactels 1-3: noise 3 times that at commissioning" in said
+    assert "replace the board" in said
 
 
 def test_without_a_file_or_with_a_broken_one_the_answer_is_one_message(tables, state):
-    assert "skinbus run --state" in str(health("pad", "--state", state).exception)
+    assert "skinbus run --state" in refused("doctor", "health", "pad", "--state", state)
     health_file(state).save(tables["good"])
     health_file(state).path.write_bytes(b"skinbus-state 1 x 5\nabcde")
-    assert "damaged" in str(health("pad", "--state", state).exception)
+    assert "damaged" in refused("doctor", "health", "pad", "--state", state)
 
 
 def test_of_another_arm_nothing_is_known(tables, state):
     health_file(state).save(tables["good"])
-    result = health("forearm", "--state", state)
-    assert (result.exit_code, "not commissioned yet" in result.output) == (0, True)
+    assert "not commissioned yet" in run("doctor", "health", "forearm", "--state", state)

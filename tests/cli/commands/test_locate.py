@@ -5,19 +5,18 @@ import re
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from skinbus.cli import group
 from skinbus.cli.press_csv import write_presses
 from skinbus.config.system import load_arm
+from tests.cli.invoke import refused, run
 from tests.estimate.calibration.located_boards import made
 from tests.robot.mesh_arms import write_tube
 
 SEED = 20261202
 
 
-def locate(*args):
-    return CliRunner().invoke(group, ["calibrate", "locate", *map(str, args)])
+def locate(*args, **settings):
+    return run("calibrate", "locate", *args, **settings)
 
 
 @pytest.fixture(scope="module")
@@ -37,9 +36,9 @@ def test_places_go_into_the_file_when_it_is_asked_for(case, tmp_path):
     write_presses(table, planned, presses)
     before = own.read_text()
     only = locate(own, table)
-    assert (only.exit_code, own.read_text()) == (0, before), only.output
-    assert only.output.count("±") == 60
-    assert locate(own, table, "--write").exit_code == 0
+    assert own.read_text() == before
+    assert only.count("±") == 60
+    locate(own, table, "--write")
     assert own.read_text().startswith("# measured\n")
     after = load_arm(own)
     surface = after.links[0].surface
@@ -54,9 +53,8 @@ def test_outliers_are_named_by_their_lines(case, tmp_path):
     presses = list(presses)
     presses[7] = presses[7]._replace(s=presses[7].s + 9e-3)
     write_presses(tmp_path / "presses.csv", planned, presses)
-    result = locate(path, tmp_path / "presses.csv")
-    assert "line 9: more than 4 standard deviations off" in result.output
-    assert result.exit_code == 0
+    said = locate(path, tmp_path / "presses.csv")
+    assert "line 9: more than 4 standard deviations off" in said
 
 
 @pytest.mark.slow
@@ -65,12 +63,11 @@ def test_boards_at_each_others_places_are_not_moved_and_both_are_named(case, tmp
     swapped = [press._replace(patch={4: 13, 13: 4}.get(press.patch, press.patch)) for press in presses]
     table = tmp_path / "presses.csv"
     write_presses(table, planned, swapped)
-    result = locate(path, table, "--out", tmp_path / "out.toml")
-    assert result.exit_code == 1, result.output
+    result = locate(path, table, "--out", tmp_path / "out.toml", status=1)
     for node_id in (5, 14):
         said = rf"^node {node_id}: its presses fit \d+ mm from its place.* node_id in the presses"
-        assert re.search(said, result.output, re.M)
-    assert "18 boards moved" in result.output
+        assert re.search(said, result, re.M)
+    assert "18 boards moved" in result
     old, new = load_arm(path, check_load=False), load_arm(tmp_path / "out.toml", check_load=False)
     assert [(new.patch_s[p], new.patch_a[p]) for p in (4, 13)] == [
         (old.patch_s[p], old.patch_a[p]) for p in (4, 13)
@@ -81,8 +78,8 @@ def test_what_is_wrong_ends_with_status_2(case, tmp_path):
     path = case[0]
     bad = tmp_path / "bad.csv"
     bad.write_text("node_id,s_mm,a_mm,p1\nx,1,2,3\n")
-    assert "line 2, node_id" in str(locate(path, bad).exception)
-    assert locate("pad", bad, "--write").exit_code == 2
+    assert "line 2, node_id" in refused("calibrate", "locate", path, bad)
+    locate("pad", bad, "--write", status=2)
 
 
 def test_boards_on_meshes_are_not_moved(tmp_path):
@@ -94,6 +91,4 @@ def test_boards_on_meshes_are_not_moved(tmp_path):
         ["calibrate", "locate", arm, tmp_path / "presses.csv", "--write"],
         ["scan", "identify", arm],
     ):
-        result = CliRunner().invoke(group, [str(word) for word in words])
-        assert result.exit_code == 2, result.output
-        assert "boards on meshes" in result.output
+        assert "boards on meshes" in run(*words, status=2)

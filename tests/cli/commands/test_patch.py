@@ -1,10 +1,9 @@
 """`skinbus patch`: the example as a process on a bus, and words that name no function."""
 
 import pytest
-from click.testing import CliRunner
 
-from skinbus.cli import group as cli
 from tests.cli.commands.on_bus import passed_rows
+from tests.cli.invoke import run
 from tests.test_examples import EXAMPLES
 
 
@@ -16,6 +15,6 @@ def test_example_reader_passes_the_check_of_boards(skinbus, group, monkeypatch):
     assert "node 5 of 16 tactels" in patch.stdout.readline()
     # a loaded process in Python is no firmware: what is asked of its timing is little
     words = ["board", "check", "--node", "5", "--response-ms", "200", "--syncs", "50", *bus]
-    answer = CliRunner().invoke(cli, words)
-    rows = passed_rows(answer.output)
-    assert [["pass", name] in rows for name in ("channels", "at", "EMCY")] == [True] * 3, answer.output
+    answer = run(*words, status=None)
+    rows = passed_rows(answer)
+    assert [["pass", name] in rows for name in ("channels", "at", "EMCY")] == [True] * 3, answer

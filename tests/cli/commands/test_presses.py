@@ -4,15 +4,13 @@ import csv
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from skinbus.cli import group
 from skinbus.cli.commands.presses import felt
 from skinbus.cli.press_csv import write_presses
 from skinbus.config.system import load_arm
-from skinbus.errors import ConfigError
 from skinbus.estimate.calibration.table import Press
 from tests.cli.commands.pressed_field import make_field
+from tests.cli.invoke import refused, run
 
 SEED = 20261125
 N = 6
@@ -25,9 +23,9 @@ def field(tmp_path_factory):
     return folder, make_field(folder, N, SEED)
 
 
-def presses(folder, *words, out="out.csv"):
+def presses(folder, *words, out="out.csv", how=run):
     args = [folder / "field.log", "--arm", "pad", *words, "--out", folder / out]
-    return CliRunner().invoke(group, ["calibrate", "presses", *map(str, args)])
+    return how("calibrate", "presses", *args)
 
 
 def found_in(folder, name="out.csv"):
@@ -44,9 +42,7 @@ def check_places(rows, truth):
 @pytest.mark.slow
 def test_presses_are_joined_with_poses_and_forces_on_a_clock_of_their_own(field):
     folder, truth = field
-    result = presses(folder, "--poses", folder / "robot.csv")
-    assert result.exit_code == 0, result.output
-    assert "clock of the poses: -17." in result.output
+    assert "clock of the poses: -17." in presses(folder, "--poses", folder / "robot.csv")
     rows = found_in(folder)
     check_places(rows, truth)
     for row, (*_, newton) in zip(rows, truth, strict=True):
@@ -58,8 +54,7 @@ def test_presses_are_joined_with_poses_and_forces_on_a_clock_of_their_own(field)
 @pytest.mark.slow
 def test_points_in_space_and_a_known_weight_take_the_place_of_the_chart_and_a_force_sensor(field):
     folder, truth = field
-    result = presses(folder, "--poses", folder / "xyz.csv", "--weight-n", "4.905")
-    assert result.exit_code == 0, result.output
+    presses(folder, "--poses", folder / "xyz.csv", "--weight-n", "4.905")
     rows = found_in(folder)
     check_places(rows, truth)
     assert {row["force_n"] for row in rows} == {4.905}
@@ -74,8 +69,7 @@ def test_three_lines_for_each_press_made_by_hand_are_enough(field):
         for t, newton in ((begin, 0), (0.5 * (begin + end), 4.905), (end, 0))
     ]
     (folder / "hand.csv").write_text("\n".join(["t_s,s_mm,a_mm,force_n", *lines]))
-    result = presses(folder, "--poses", folder / "hand.csv")
-    assert result.exit_code == 0, result.output
+    presses(folder, "--poses", folder / "hand.csv")
     rows = found_in(folder)
     check_places(rows, truth)
     assert {row["force_n"] for row in rows} == {4.905}
@@ -96,7 +90,6 @@ def test_a_line_names_the_bus_where_an_arm_has_several(tmp_path):
 def test_every_fault_of_a_log_of_poses_is_said_at_once(field):
     folder, _ = field
     (folder / "bad.csv").write_text("t_s,s_mm,a_mm\n0,1,2\n0.1,x,2\n0.2,1\n")
-    result = presses(folder, "--poses", folder / "bad.csv")
-    assert isinstance(result.exception, ConfigError)
-    assert "line 3, s_mm: is 'x'; wanted a number" in str(result.exception)
-    assert "line 4: is '2 values'" in str(result.exception)
+    said = presses(folder, "--poses", folder / "bad.csv", how=refused)
+    assert "line 3, s_mm: is 'x'; wanted a number" in said
+    assert "line 4: is '2 values'" in said

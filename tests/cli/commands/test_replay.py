@@ -6,26 +6,24 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from skinbus.can.candump import format_line
 from skinbus.can.frame import ERROR, RTR, Frame
-from skinbus.cli import group
 from tests.cli.commands.recordings import EPOCH_NS, changed, frames_in
+from tests.cli.invoke import run
 from tests.master.rig import MS
 
 READINGS = (0x181, 0x281, 0x381, 0x481)
 
 
-def replay(*args):
-    return CliRunner().invoke(group, ["replay", *map(str, args)])
+def replay(*args, **settings):
+    return run("replay", *args, **settings)
 
 
 def contacts_of(*args, out):
     """What is said, and the contacts of every cycle."""
     result = replay(*args, "--out", out)
-    assert result.exit_code == 0, result.output
-    return result.output, list(csv.DictReader(out.read_text().splitlines()))
+    return result, list(csv.DictReader(out.read_text().splitlines()))
 
 
 def test_contacts_of_every_cycle_are_those_that_were_published(field, tmp_path):
@@ -59,7 +57,7 @@ def test_the_same_log_gives_the_same_bytes(field, tmp_path):
     os.mkfifo(pipe)
     with ThreadPoolExecutor() as writer:
         writer.submit(pipe.write_bytes, field.read_bytes())
-        piped = replay(pipe, "--arm", "pad").output.splitlines()[1:]
+        piped = replay(pipe, "--arm", "pad").splitlines()[1:]
     assert piped == outputs[0][0].splitlines()[1 : 1 + len(piped)]
 
 
@@ -71,8 +69,8 @@ def test_garbage_is_counted_and_changes_nothing(field, tmp_path):
             lines += ["", "garbage \x7f", "(1.0) can0 FFF#00", "DROPCOUNT: dropped 2 CAN frames on 'can0' x"]
     last_ns = frames_in(field)[-1].t_ns
     lines += [format_line(Frame(2, bytes(8), last_ns, ERROR)), format_line(Frame(1, b"", last_ns, RTR))]
-    plain = replay(field, "--arm", "pad").output.splitlines()
-    *same, left_out, dropped = replay(changed(tmp_path, lines), "--arm", "pad").output.splitlines()
+    plain = replay(field, "--arm", "pad").splitlines()
+    *same, left_out, dropped = replay(changed(tmp_path, lines), "--arm", "pad").splitlines()
     assert same[1:] == plain[1:]
     n = sum(line == "garbage \x7f" for line in lines)
     assert left_out == (
@@ -89,20 +87,17 @@ def test_of_two_interfaces_one_is_chosen_by_option_or_arm_file_or_asked_for(fiel
         other = format_line(Frame(0x181, bytes(3), frame.t_ns), channel="vcan1")
         lines += [format_line(frame), other]
     path = changed(tmp_path, lines)
-    asked = replay(path, "--arm", "pad")
-    assert asked.exit_code == 2
-    assert f"can0 ({len(frames)} frames), vcan1 ({len(frames)} frames): say by --channel" in asked.output
+    asked = replay(path, "--arm", "pad", status=2)
+    assert f"can0 ({len(frames)} frames), vcan1 ({len(frames)} frames): say by --channel" in asked
     pad = Path("skinbus/config/arms/pad.toml").read_text()
     arm = tmp_path / "arm.toml"
     arm.write_text(pad.replace("[[link]]", '[[bus]]\nname = "skin"\nchannel = "can0"\n\n[[link]]', 1))
     for args in (("pad", "-c", "can0"), (arm,)):
         chosen = replay(path, "--arm", *args)
-        assert chosen.exit_code == 0
-        assert "1188 frames used" in chosen.output
-        assert f"left out: {len(frames)} frames of vcan1" in chosen.output
-    wrong = replay(path, "--arm", "pad", "-c", "can7")
-    assert wrong.exit_code == 1
-    assert "It also holds can0, vcan1" in wrong.output
+        assert "1188 frames used" in chosen
+        assert f"left out: {len(frames)} frames of vcan1" in chosen
+    wrong = replay(path, "--arm", "pad", "-c", "can7", status=1)
+    assert "It also holds can0, vcan1" in wrong
 
 
 @pytest.mark.slow
@@ -113,7 +108,7 @@ def test_events_are_reported_at_their_times(field, tmp_path):
         if f.can_id not in READINGS or not 1000 * MS < f.t_ns - EPOCH_NS < 2000 * MS
     ]
     path = changed(tmp_path, lines)
-    lost, back, *_ = replay(path, "--arm", "pad").output.splitlines()
+    lost, back, *_ = replay(path, "--arm", "pad").splitlines()
     assert lost.split() == ["1.029", "s", "readings-lost:", "node", "1"]
     assert back.split()[1:] == ["s", "patch-back:", "node", "1"]
     assert 2.0 < float(back.split()[0]) < 2.2  # silent patches are asked now and then
@@ -121,18 +116,15 @@ def test_events_are_reported_at_their_times(field, tmp_path):
 
 def test_readings_without_sync_are_no_cycles_and_it_is_said(field, tmp_path):
     path = changed(tmp_path, [format_line(f) for f in frames_in(field) if f.can_id in READINGS])
-    result = replay(path, "--arm", "pad")
-    assert result.exit_code == 1
-    assert "no SYNC is in it" in result.output
+    result = replay(path, "--arm", "pad", status=1)
+    assert "no SYNC is in it" in result
 
 
 @pytest.mark.slow
 def test_patches_that_sent_nothing_are_named_and_another_arm_is_a_no(field, tmp_path):
     some = replay(field, "--arm", "forearm")
-    assert some.exit_code == 0
-    assert "at 100 Hz (the arm file says 50)" in some.output
-    assert "no readings of nodes 2-24" in some.output
+    assert "at 100 Hz (the arm file says 50)" in some
+    assert "no readings of nodes 2-24" in some
     path = changed(tmp_path, [format_line(Frame(0x80, b"", n * MS)) for n in range(100)])
-    none = replay(path, "--arm", "pad")
-    assert none.exit_code == 1
-    assert "no patch of pad answered a SYNC with readings: is it the log of another arm?" in none.output
+    none = replay(path, "--arm", "pad", status=1)
+    assert "no patch of pad answered a SYNC with readings: is it the log of another arm?" in none
