@@ -1,8 +1,7 @@
 """Contacts in the frames of the robot, and the torques and wrenches that they make: the checked door.
 
 A contact of force F at point p with outward normal n pushes with f = -F n. A joint that turns about z
-through o moves p by v = z x (p - o), one that slides by v = z; its torque, or force, is v . f. Joints between
-it and the contact turn p and f, joints before it turn all: d tau_k / d q_j is not zero only for j behind k.
+through o moves p by v = z x (p - o), one that slides by v = z; its torque, or force, is v . f.
 
 Derivatives by the place on a surface are central differences; all others are exact.
 Source: K. Lynch, F. Park, Modern Robotics (2017), 5.1 (geometric Jacobian), 5.2 (statics).
@@ -44,11 +43,10 @@ class RobotContacts:
     positions_sd       (n_joints,) standard deviations
     point, normal      (n, 3 frames, 3) m; outward unit normals
     covariance         (n, 3 frames, 3, 3) m^2, of the point: by that of s and a, and by the joints; NaN of a
-                       contact without one, as the torques have none then
+                       contact without one
     force              (n,) N, along the normal, and its variance force_variance (n,) N^2
     jacobian           (n, 6, n_joints) of the point in the base: velocity, then angular velocity
     torques            (n_joints,) N m or N, of all contacts on the joints; what drives hold is its negative
-    torque_covariance  (n_joints, n_joints); contacts are taken as independent of each other
     base_wrench        (6,) force (N) and moment (N m) of all contacts about the base, in the base frame
     """
 
@@ -62,7 +60,6 @@ class RobotContacts:
     force_variance: Floats
     jacobian: Floats
     torques: Floats
-    torque_covariance: Floats
     base_wrench: Floats
 
     def force_vector(self, frame: str = "base") -> Floats:
@@ -151,7 +148,7 @@ class RobotFrames:
         places, normals = self._on_surfaces(link, contacts.s + _AROUND[0], contacts.a + _AROUND[1])
         places, normals = ((X_BS[:, :3, :3] @ x[..., None])[..., 0] for x in (places, normals))
         point, normal = places[0] + X_BS[:, :3, 3], normals[0]
-        by_place, turn = ((x[1::2] - x[2::2]) / (2.0 * _STEP) for x in (places, normals))  # (2, n, 3)
+        by_place = (places[1::2] - places[2::2]) / (2.0 * _STEP)  # (2, n, 3)
         pushes = -force[:, None] * normal
 
         # what joints do to the point: it moves and turns
@@ -160,17 +157,6 @@ class RobotFrames:
         on, held = chain.moves[n_links + link], chain.moves[-1]
         move = every * on[..., None]
         angular = axes * (on & ~chain.linear)[..., None]
-
-        # torques, and their slopes by s, a and force (n, n_joints, 3), and by joints
-        torques = np.einsum("nkx,nx->k", move, pushes)
-        push_slope = np.stack([*(-force[:, None] * turn), -normal], -1)
-        slope = move @ push_slope
-        slope[..., :2] += angular @ _cross(by_place, pushes).transpose(1, 2, 0)
-        moments = _cross(move, pushes[:, None])
-        behind = (angular @ moments.swapaxes(1, 2)).sum(axis=0)
-        by_joints = np.triu(behind - behind.T)
-        torque_covariance = (slope @ contacts.covariance @ slope.swapaxes(1, 2)).sum(axis=0)
-        torque_covariance += by_joints * variance @ by_joints.T
 
         # the same in link, base and tool
         X = np.tile(np.eye(4), (len(link), 3, 1, 1))
@@ -188,14 +174,15 @@ class RobotFrames:
         covariance = back @ covariance @ R
         base_wrench = np.concatenate([pushes, _cross(point, pushes)], -1).sum(axis=0)
         jacobian = np.concatenate([move, angular], -1).swapaxes(1, 2)
+        torques = np.einsum("nkx,nx->k", move, pushes)
 
         is_unknown = contacts.covariance[:, 2, 2] <= 0.0  # at level kmeans
         if is_unknown.any():
-            covariance[is_unknown] = torque_covariance[:] = np.nan
+            covariance[is_unknown] = np.nan
         if not valid:
-            for array in (points[:, 1:], normals[:, 1:], covariance[:, 1:], jacobian, torques, q, deviation):
+            for array in (points[:, 1:], normals[:, 1:], covariance[:, 1:], jacobian, q, deviation):
                 array[...] = np.nan
-            torque_covariance[:] = base_wrench[:] = np.nan
+            torques[:] = base_wrench[:] = np.nan
         return RobotContacts(
             valid=valid,
             positions=q,
@@ -207,7 +194,6 @@ class RobotFrames:
             force_variance=contacts.covariance[:, 2, 2],
             jacobian=jacobian,
             torques=torques,
-            torque_covariance=torque_covariance,
             base_wrench=base_wrench,
         )
 

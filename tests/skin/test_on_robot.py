@@ -76,7 +76,6 @@ def test_a_contact_is_in_every_frame_where_the_moving_arm_has_it(scene):
         flat[:2, :2] = contact.covariance[:2, :2]
         assert_allclose(contact.point_covariance("link"), flat, rtol=1e-6, atol=1e-15)
         assert_allclose(contact.point_covariance("base"), R @ flat @ R.T, rtol=1e-4, atol=1e-12)
-        assert (np.diagonal(cycle.robot.torque_covariance) > 0.0).all()
 
 
 @pytest.mark.slow
