@@ -89,22 +89,19 @@ class Drawer:
         arm, readings = self._arm, cycle.readings
         is_stale = cycle.number == 0 or age_s > STALE_CYCLES / arm.bus.rate_hz
         tactels = colours.shades(readings.pressures, self.full_pa)
-        tactels[~readings.valid | is_stale] = colours.UNKNOWN
-        tactels[(readings.faults != 0) & (not is_stale)] = colours.LOST
-        states = [patch.state for patch in cycle.patches] if cycle.number else []
-        known = [
-            c
-            for c in (() if is_stale else cycle.contacts)
-            if c.state is not TrackState.LIFT and c.link in self._numbers
-        ]
+        tactels[~readings.valid] = colours.UNKNOWN
+        tactels[readings.faults != 0] = colours.LOST
+        if is_stale:
+            tactels[:] = colours.UNKNOWN
+        contacts, truth = ((), ()) if is_stale else (cycle.contacts, cycle.truth)
+        known = [c for c in contacts if c.state is not TrackState.LIFT and c.link in self._numbers]
         tints = [colours.COASTING if c.state is TrackState.COAST else colours.CONTACT for c in known]
-        truth = () if is_stale else cycle.truth
         forces = self._arrows(known, tints)
         return Drawing(
             number=cycle.number,
             is_stale=is_stale,
             tactels=tuple(tactels[arm.tactel_link == k] for k in range(len(arm.links))),
-            boards=self._boards([] if is_stale else states),
+            boards=self._boards([] if is_stale else [patch.state for patch in cycle.patches]),
             forces=forces,
             ellipses=self._ellipses(known, tints),
             labels=tuple(
@@ -164,10 +161,8 @@ class Drawer:
 
 def _joined(parts: Sequence[tuple[Floats, Colour]]) -> Lines:
     """Return lines (n, 3), each of a colour, as segments."""
-    if not parts:
-        return Lines(np.zeros((0, 2, 3)), np.zeros((0, 2, 3), np.uint8))
-    points = np.concatenate([np.stack([line[:-1], line[1:]], 1) for line, _ in parts])
-    tints = np.repeat(
-        np.array([tint for _, tint in parts], np.uint8), [len(line) - 1 for line, _ in parts], 0
-    )
-    return Lines(points, np.repeat(tints[:, None], 2, 1))
+    points, tints = [np.zeros((0, 2, 3))], [np.zeros((0, 2, 3), np.uint8)]
+    for line, tint in parts:
+        points.append(np.stack([line[:-1], line[1:]], 1))
+        tints.append(np.tile(np.array(tint, np.uint8), (len(line) - 1, 2, 1)))
+    return Lines(np.concatenate(points), np.concatenate(tints))

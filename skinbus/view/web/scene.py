@@ -7,7 +7,6 @@ float32 in the frame of a link, m; faces are counter-clockwise seen from outside
 from __future__ import annotations
 
 import logging
-import math
 from typing import Any, Final
 
 import numpy as np
@@ -245,9 +244,8 @@ def board_meshes(arm: Arm, link: int) -> Mesh:
 
 def unit_disc(n: int) -> Mesh:
     """Return a disc of n corners about z, facing +z, of radius 1."""
-    angle, k = (np.arange(n) + 0.5) * (math.tau / n), np.arange(1, n - 1)
-    rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], -1)
-    return _mesh(rim, np.stack([np.zeros_like(k), k, k + 1], -1))
+    rim, k = np.exp(2j * np.pi * np.arange(n) / n), np.arange(1, n - 1)
+    return _mesh(np.stack([rim.real, rim.imag, 0.0 * rim.real], -1), np.stack([0 * k, k, k + 1], -1))
 
 
 def quaternions(normals: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
