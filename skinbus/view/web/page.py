@@ -10,7 +10,6 @@ import asyncio
 import secrets
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
 from contextlib import redirect_stdout
 from io import StringIO
 from ipaddress import ip_address
@@ -36,8 +35,6 @@ DRAW_S: Final = 0.05
 """Between two pictures: twenty a second."""
 PANEL_S: Final = 0.5
 """Between two updates of the panels: what can be read."""
-LEAST_TURN: Final = 1e-3
-"""Change of a joint position, rad or m, from which on the links are drawn elsewhere: less is not seen."""
 SERIES: Final = ("#e8590c", "#1971c2", "#2f9e44", "#9c36b5", "#e03131", "#0c8599")
 """Of the contacts in the plot of forces: colours that can be distinguished."""
 CLIENTS: Final = 16
@@ -155,9 +152,7 @@ class Page:
         self.drawing: Drawing | None = None
         """What was drawn last."""
         self._ids: list[int] = []
-        self._is_changed = False
         self._panel_s = 0.0
-        self._stop: Future[None] = Future()
         self._is_known = not self._poses.note
         server.gui.configure_theme(
             dark_mode=dark, show_logo=False, show_share_button=False, control_width="large"
@@ -166,13 +161,8 @@ class Page:
         server.on_client_connect(self._add_zeros)
 
     def run(self, seconds: float | None = None, is_over: Callable[[], bool] = lambda: False) -> None:
-        """Draw until ``stop`` is called or ``is_over``, or for so long."""
+        """Draw until ``is_over``, or for so long."""
         asyncio.run_coroutine_threadsafe(self._run(seconds, is_over), self.server.get_event_loop()).result()
-
-    def stop(self) -> None:
-        """End ``run``."""
-        if not self._stop.done():
-            self._stop.set_result(None)
 
     def close(self) -> None:
         """End the server."""
@@ -181,7 +171,7 @@ class Page:
 
     async def _run(self, seconds: float | None, is_over: Callable[[], bool]) -> None:
         begin = now = time.monotonic()
-        while not self._stop.done() and not is_over() and (seconds is None or now - begin < seconds):
+        while not is_over() and (seconds is None or now - begin < seconds):
             now = time.monotonic()
             self.update()
             await asyncio.sleep(max(DRAW_S - (time.monotonic() - now), 0.0))
@@ -190,15 +180,14 @@ class Page:
         """Draw the newest cycle, where it is new, and the panels when it is their time."""
         cycle = self._source.newest
         if cycle is not None:
-            if self._poses.move(cycle.joint_positions if self._poses.joints else np.zeros(0), LEAST_TURN):
+            if self._poses.move(cycle.joint_positions if self._poses.joints else np.zeros(0)):
                 self.scene.move()
                 if not self._is_known:  # the arm as it stands is elsewhere than it was drawn
                     self._is_known = True
                     self.scene.aim()
             drawing = self._drawer.draw(cycle, age_s=self._source.silent_s)
             shown = self.drawing and (self.drawing.number, self.drawing.is_stale)
-            if shown != (drawing.number, drawing.is_stale) or self._is_changed:
-                self._is_changed = False
+            if shown != (drawing.number, drawing.is_stale):
                 with self.server.atomic():
                     self.scene.show(drawing)
                 self.n_drawn += 1
@@ -232,7 +221,7 @@ class Page:
         async def change(_: Any) -> None:
             self._drawer.full_pa = 1e3 * full.value
             self._legend.content = panels.legend(full.value)
-            self._is_changed = True
+            self.drawing = None  # to be drawn anew
 
         full.on_update(change)
 

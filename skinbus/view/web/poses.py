@@ -10,6 +10,8 @@ import numpy.typing as npt
 from skinbus.arrays import Floats
 from skinbus.model import Arm
 
+LEAST_TURN: Final = 1e-3
+"""Change of a joint position, rad or m, from which on the links are drawn elsewhere: less is not seen."""
 GAP: Final = 0.02
 """Between links that are drawn one after the other, m."""
 
@@ -55,14 +57,14 @@ class Poses:
         frames = self._frames
         return dict(zip(frames.chain.names, self.positions.tolist(), strict=True)) if frames else {}
 
-    def move(self, positions: Floats, least: float) -> bool:
-        """Go to joint positions; return whether that is further than ``least``, rad or m.
+    def move(self, positions: Floats) -> bool:
+        """Go to joint positions; return whether that is further than can be seen.
 
         Positions that are not known are passed over.
         """
         if self._frames is None or not len(positions) or not np.isfinite(positions).all():
             return False
-        if not self.note and np.abs(positions - self.positions).max() < least:
+        if not self.note and np.abs(positions - self.positions).max() < LEAST_TURN:
             return False
         self.positions, self.note = positions.copy(), ""
         self._stand()

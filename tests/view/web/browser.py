@@ -53,8 +53,8 @@ def chromium():
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE, timeout=1e3 * PATIENCE_S)
 
-        def open_tab(url, size=SIZE, *, beside=False, dark=False):
-            if size is SIZE and not beside:  # two that draw in software would wait for each other
+        def open_tab(url, size=SIZE, *, dark=False):
+            if size is SIZE:  # two that draw in software would wait for each other
                 for page in [page for context in browser.contexts for page in context.pages]:
                     page.close()
             tab = Tab(browser.new_page(viewport=size, color_scheme="dark" if dark else "light"))

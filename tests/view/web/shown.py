@@ -13,7 +13,8 @@ class Shown:
         self.arm = arm
         self.source = source
         self.page = Page(arm, source, title, port=0)
-        self._thread = threading.Thread(target=self.page.run)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self.page.run, args=(None, self._over.is_set))
         self._thread.start()
 
     @property
@@ -21,7 +22,7 @@ class Shown:
         return self.page.server.link
 
     def close(self):
-        self.page.stop()
+        self._over.set()
         self._thread.join()
         self.page.close()
         self.source.close()

@@ -74,7 +74,7 @@ def test_robot_without_its_shapes_is_drawn_as_lines_and_that_is_said(tmp_path):
     try:
         scene = SceneNodes(server, arm, poses)
         assert scene.note == "1 of 1 shapes of the URDF are not found: the robot is drawn as lines there"
-        poses.move(np.array([1.5, -1.0]), 1e-3)
+        poses.move(np.array([1.5, -1.0]))
         scene.move()
         (tmp_path / "two.urdf").write_text("<robot")
         assert SceneNodes(server, arm, poses).note == "the robot is drawn as lines: KeyError: 'name'"
