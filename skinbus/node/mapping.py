@@ -4,33 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from canopen.objectdictionary import datatypes
-
 from skinbus.node.dictionary import SdoAbort
 from skinbus.node.layout import OUTSIDE, ImageEntry, ImageLayout, key_of
 from skinbus.node.values import Values
 from skinbus.objects.cia import AbortCode
+from skinbus.objects.eds_values import TYPES
 from skinbus.objects.pdo import PdoMap, split_mapping
 
 MAX_ENTRIES = 64
 
-# Data types whose index may be mapped in an RPDO to skip their length (CiA 301, 7.4.7.1).
-DUMMY_BITS: dict[int, int] = {
-    datatypes.BOOLEAN: 1,
-    datatypes.INTEGER8: 8,
-    datatypes.INTEGER16: 16,
-    datatypes.INTEGER32: 32,
-    datatypes.UNSIGNED8: 8,
-    datatypes.UNSIGNED16: 16,
-    datatypes.UNSIGNED32: 32,
-}
+DUMMIES = range(1, 8)
+"""Data types whose index may be mapped in an RPDO to skip their length (CiA 301, 7.4.7.1)."""
 
 
 def check_entry(layout: ImageLayout, value: int, *, transmit: bool) -> int:
     """Bits of one mapping value; SdoAbort when what it names cannot be mapped."""
     index, sub, bits = split_mapping(value)
-    if not transmit and index in DUMMY_BITS and sub == 0:
-        if bits != DUMMY_BITS[index]:
+    if not transmit and index in DUMMIES and sub == 0:
+        if bits != TYPES[index].bits:
             raise SdoAbort(AbortCode.NOT_MAPPABLE)
         return bits
     entry = layout.entries.get(key_of(index, sub))

@@ -247,7 +247,7 @@ def _variables(od: ObjectDictionary) -> list[ODVariable]:
         found = od.indices[index]
         if isinstance(found, ODRecord | ODArray):
             variables += [found.subindices[sub] for sub in sorted(found.subindices)]
-        elif index >= cia.DEVICE_TYPE:  # below are dummies
+        else:
             variables.append(found)
     return variables
 

@@ -16,9 +16,8 @@ from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVari
 
 from skinbus.errors import EdsError, Fault
 from skinbus.objects import cia
-from skinbus.objects.eds_file import RECORD, EdsFile, Entry, Section, Variable, read_file
+from skinbus.objects.eds_file import RECORD, EdsFile, Entry, Variable, read_file
 from skinbus.objects.eds_lint import lint
-from skinbus.objects.eds_values import parse_integer
 from skinbus.objects.settings import NO_SETTINGS, Settings, apply_identity, apply_settings
 
 _PACKAGE = Path(__file__).parent.parent
@@ -116,7 +115,6 @@ class _Template:
             self._add(entry)
         self.commissioned = file.integer("DeviceComissioning", "NodeID") or 0
         """Node-ID that a DCF is for; 0 for any."""
-        _add_dummies(self.od, file)
         _add_device_information(self.od, file)
 
     def at(self, node_id: int) -> ObjectDictionary:
@@ -150,16 +148,6 @@ class _Template:
             elif value is not None:
                 setattr(variable, field, value.number)
         return variable
-
-
-def _add_dummies(od: ObjectDictionary, file: EdsFile) -> None:
-    section = file.section("DummyUsage") or Section("DummyUsage")
-    for key, text in section.keys.items():
-        index = parse_integer(f"0x{key.removeprefix('dummy')}")
-        if index and parse_integer(text) == 1:
-            variable = ODVariable(section.spelling[key], index, 0)
-            variable.data_type, variable.access_type, variable.pdo_mappable = index, "const", True
-            od.add_object(variable)
 
 
 def _add_device_information(od: ObjectDictionary, file: EdsFile) -> None:

@@ -41,8 +41,8 @@ def test_node_id_outside_1_to_127_is_refused(node_id):
 @pytest.mark.parametrize("name", OURS)
 def test_dictionary_equals_what_the_canopen_package_reads(name):
     ours, theirs = load_eds(name, 9), canopen.import_od(str(find_eds(name)), 9)
-    assert list(ours) == list(theirs)
-    for index in (i for i in theirs if i >= 0x1000):
+    assert list(ours) == [index for index in theirs if index >= cia.DEVICE_TYPE]
+    for index in ours:
         for variable in theirs[index].values() if hasattr(theirs[index], "values") else [theirs[index]]:
             mine = ours.get_variable(variable.index, variable.subindex)
             compact = variable.index in compact_indices(name)
