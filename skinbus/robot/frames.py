@@ -40,11 +40,10 @@ class RobotContacts:
 
     valid              whether the joint positions were young enough; if not, all is NaN but in frame "link"
     positions          (n_joints,) rad or m, at the time of the cycle
-    positions_sd       (n_joints,) standard deviations
     point, normal      (n, 3 frames, 3) m; outward unit normals
     covariance         (n, 3 frames, 3, 3) m^2, of the point: by that of s and a, and by the joints; NaN of a
                        contact without one
-    force              (n,) N, along the normal, and its variance force_variance (n,) N^2
+    force              (n,) N, along the normal
     jacobian           (n, 6, n_joints) of the point in the base: velocity, then angular velocity
     torques            (n_joints,) N m or N, of all contacts on the joints; what drives hold is its negative
     base_wrench        (6,) force (N) and moment (N m) of all contacts about the base, in the base frame
@@ -52,12 +51,10 @@ class RobotContacts:
 
     valid: bool
     positions: Floats
-    positions_sd: Floats
     point: Floats
     normal: Floats
     covariance: Floats
     force: Floats
-    force_variance: Floats
     jacobian: Floats
     torques: Floats
     base_wrench: Floats
@@ -180,18 +177,16 @@ class RobotFrames:
         if is_unknown.any():
             covariance[is_unknown] = np.nan
         if not valid:
-            for array in (points[:, 1:], normals[:, 1:], covariance[:, 1:], jacobian, q, deviation):
+            for array in (points[:, 1:], normals[:, 1:], covariance[:, 1:], jacobian, q):
                 array[...] = np.nan
             torques[:] = base_wrench[:] = np.nan
         return RobotContacts(
             valid=valid,
             positions=q,
-            positions_sd=deviation,
             point=points,
             normal=normals,
             covariance=covariance,
             force=force,
-            force_variance=contacts.covariance[:, 2, 2],
             jacobian=jacobian,
             torques=torques,
             base_wrench=base_wrench,
