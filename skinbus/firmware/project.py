@@ -64,7 +64,7 @@ def _kind(entry: ImageEntry) -> tuple[object, ...]:
     """Return what entries of one run share; a text and what is relative to the node-ID is alone."""
     alone = entry.sub if entry.relative or not entry.size else None
     rights = entry.readable, entry.writable, entry.mappable_tx, entry.mappable_rx
-    return entry.index, entry.variable.data_type, rights, entry.low, entry.high, alone
+    return entry.index, entry.variable.data_type, rights, entry.variable.min, entry.variable.max, alone
 
 
 def _is_room(entry: ImageEntry) -> bool:
@@ -161,7 +161,7 @@ def _table(head: str, items: Sequence[str]) -> str:
 def _limits(entry: ImageEntry) -> tuple[float | None, float | None]:
     """Return the limits that the core keeps: those of integers of up to 32 bits."""
     has_limits = 0 < entry.size <= LIMITED and entry.variable.data_type not in FLOATS
-    return (entry.low, entry.high) if has_limits else (None, None)
+    return (entry.variable.min, entry.variable.max) if has_limits else (None, None)
 
 
 def _limit(limits: tuple[float | None, float | None]) -> str:

@@ -118,7 +118,8 @@ class Dictionary:
             raise SdoAbort(AbortCode.VALUE_INVALID)
         if kind in FLOATS and not math.isfinite(entry.decode(data)):
             raise SdoAbort(AbortCode.VALUE_INVALID)
-        if entry.high is not None and entry.decode(data) > entry.high:
+        low, high = entry.variable.min, entry.variable.max
+        if high is not None and entry.decode(data) > high:
             raise SdoAbort(AbortCode.VALUE_HIGH)
-        if entry.low is not None and entry.decode(data) < entry.low:
+        if low is not None and entry.decode(data) < low:
             raise SdoAbort(AbortCode.VALUE_LOW)

@@ -8,7 +8,6 @@ outside.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -54,7 +53,6 @@ class ImageEntry:
 
     index: int
     sub: int
-    name: str
     variable: Any  # canopen's ODVariable: encodes and decodes
     size: int
     offset: int
@@ -64,8 +62,6 @@ class ImageEntry:
     writable: bool
     mappable_tx: bool
     mappable_rx: bool
-    low: float | None
-    high: float | None
 
     @property
     def bits(self) -> int:
@@ -89,14 +85,11 @@ class ImageLayout:
         self.max_pdo_bits = 8 * frame_bytes(od)
         self.entries: dict[int, ImageEntry] = {}
         self.indices: set[int] = set()
-        self.variables: set[int] = set()
         # $NODEID was resolved for one node; LSS may give the device another one later.
         base = node_id if od.node_id is None else int(od.node_id)
         offset = 0
         for index in sorted(i for i in od if i >= FIRST_OBJECT):
             self.indices.add(index)
-            if isinstance(od[index], ODVariable):
-                self.variables.add(index)
             offset = -(-offset // OBJECT_ALIGNMENT) * OBJECT_ALIGNMENT
             for variable, inside in _variables(od[index]):
                 entry = _compile(variable, base)
@@ -125,7 +118,7 @@ class ImageLayout:
             return entries[0].offset, np.dtype((types[0], (n,)))
         first, last = entries[0].offset, entries[-1]
         fields: Any = {
-            "names": [e.name for e in entries],
+            "names": [e.variable.name for e in entries],
             "formats": types,
             "offsets": [e.offset - first for e in entries],
             "itemsize": last.offset + last.size - first,
@@ -148,7 +141,6 @@ def _compile(variable: Any, base: int) -> ImageEntry:
     return ImageEntry(
         index=variable.index,
         sub=variable.subindex,
-        name=variable.name,
         variable=variable,
         size=size,
         offset=OUTSIDE,
@@ -158,20 +150,11 @@ def _compile(variable: Any, base: int) -> ImageEntry:
         writable=variable.writable,
         mappable_tx=variable.pdo_mappable and access not in ("wo", "rww"),
         mappable_rx=variable.pdo_mappable and access in ("wo", "rw", "rww"),
-        low=variable.min,
-        high=variable.max,
     )
 
 
 def _default(variable: Any, size: int, base: int) -> bytes | None:
     """Bytes at power-on, less the node-ID where the default is relative to it; None without a value."""
-    value = variable.default
-    if value is None:
+    if variable.default is None:
         return bytes(size) if size else None
-    if size and variable.data_type in datatypes.SIGNED_TYPES and value >= 1 << (8 * size - 1):
-        value -= 1 << 8 * size  # an INTEGER16 written as 0xFFFB
-    if variable.relative:
-        value -= base
-    if isinstance(value, float) and not math.isfinite(value):
-        raise ValueError(f"0x{variable.index:04X}:{variable.subindex:02X}: default is {value}")
-    return bytes(variable.encode_raw(value))
+    return bytes(variable.encode_raw(variable.default - base if variable.relative else variable.default))
