@@ -254,22 +254,19 @@ class _Fit:
     def __init__(
         self, arm: Arm, link: Any, s: Floats, a: Floats, force: Floats, pressures: Floats, place_sd: float
     ) -> None:
-        d, away = np.full(pressures.shape, np.inf), np.zeros(pressures.shape, np.complex128)
-        for number in np.unique(link):
-            rows, tactels = np.flatnonzero(link == number), np.flatnonzero(arm.tactel_link == number)
-            here, surface = np.ix_(rows, tactels), arm.links[number].surface
-            d[here] = surface.distance(
-                s[rows, None], a[rows, None], arm.tactel_s[tactels], arm.tactel_a[tactels]
-            )
-            across = surface.wrap(a[rows, None] - arm.tactel_a[tactels])
-            away[here] = s[rows, None] - arm.tactel_s[tactels] + 1j * across
-        usable = np.isfinite(pressures) & (d < REACH) & arm.tactel_healthy & (pressures < limit_of(arm))
+        away = np.full(pressures.shape, np.inf + 0j)
+        for p, placed in enumerate(arm.patches):
+            rows, here = np.flatnonzero(link == placed.link), arm.tactels_of(p)
+            off = arm.on_board(p, s[rows], a[rows])[:, None] - placed.patch.tactels_uv
+            away[rows, here] = off @ (1.0, 1j) * np.exp(1j * placed.yaw)
+        near = np.isfinite(pressures) & (np.abs(away) < REACH)
+        usable = near & arm.tactel_healthy & (pressures < limit_of(arm))
         if usable.sum() < MIN_READINGS:
             raise ValueError(
                 f"only {usable.sum()} usable readings within {1e3 * REACH:g} mm of a press; "
                 f"{MIN_READINGS} needed"
             )
-        self._p, self._d, self._away = pressures[usable], d[usable], away[usable]
+        self._p, self._away = pressures[usable], away[usable]
         if not (self._p > 0.0).any():
             raise ValueError("no reading is above zero: were the places pressed at all?")
         press, tactel = np.nonzero(usable)
@@ -311,7 +308,7 @@ class _Fit:
         gain, width, self._offset = self.tactels.values[self.tactels.owner].T
         off_s, off_a, off_force = self.presses.values[self.presses.owner].T
         self.away = self._away + off_s + 1j * off_a
-        self.d = self._d + np.abs(self.away) - np.abs(self._away)
+        self.d = np.abs(self.away)
         self.amplitude = np.exp(gain + self.exponent * self._log_force + off_force)
         """Gain of the tactel times effective force."""
         at = self.d / np.exp(width)

@@ -178,8 +178,7 @@ def _seen(arm: Arm, p: int, presses: Sequence[Press]) -> _Seen:
     usable = np.isfinite(s) & (second <= SECOND)
     felt = (s - 0.5 * size + 1j * a) * np.exp(1j * placed.yaw)
     along, across = np.array([(presses[k].s, presses[k].a) for k in own]).T
-    x, y = arm.links[placed.link].surface.develop(along, across, placed.a)
-    said = np.asarray(x - placed.s + 1j * y)
+    said = arm.on_board(p, along, across) @ (1.0, 1j) * np.exp(1j * placed.yaw)
     return _Seen(p, own[usable], tuple(own[~usable].tolist()), felt[usable], said[usable], sd[usable])
 
 

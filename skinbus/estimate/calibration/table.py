@@ -14,9 +14,6 @@ from skinbus.model import Arm
 
 Ints = npt.NDArray[np.intp]
 
-BASE = 0.25
-"""Part of the largest reading that is taken off before a centroid: under it is the foot of the law."""
-
 
 class Press(NamedTuple):
     """What one patch reads under one press."""
@@ -144,16 +141,6 @@ def kind_of(arm: Arm, p: int) -> tuple[Any, ...]:
     uv = np.asarray(patch.tactels_uv)
     either = min(((uv * sign) + 0.0).tobytes() for sign in ((1.0, 1.0), (1.0, -1.0)))  # no -0.0
     return either, patch.diameter, patch.size, patch.transducer
-
-
-def centroid(tactels_uv: Floats, readings: Floats) -> Floats:
-    """Return where readings (n_tactels,) of one board alone put a press, (2,) m on it.
-
-    No law is needed for the centroid of what rises above a quarter of the largest reading. It errs by up to a
-    quarter of the pitch, and stays within the tactels.
-    """
-    weight = np.maximum(readings - BASE * np.nanmax(readings), 0.0)
-    return np.asarray(np.nan_to_num(weight) @ tactels_uv / np.nansum(weight))
 
 
 def mean_and_noise(cycles: Floats) -> tuple[Floats, Floats]:
