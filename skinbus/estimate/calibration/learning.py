@@ -370,10 +370,7 @@ class _Fit:
         taken_up = self._by_law + self.tactels.taken_up + self.presses.taken_up
         at = np.minimum(self.d / REACH * BINS, BINS - 1.0).astype(np.intp)
         sd = np.sqrt(self.variance + self._unmatched**2)
-        off, usual = np.abs(left) / sd, np.zeros(BINS)
-        for b in np.unique(at):
-            usual[b] = 1.4826 * np.median(off[at == b])  # by medians, so that outliers do not hide themselves
-        square = (np.minimum(off, CLIP * usual[at]) * sd) ** 2 / (1.0 - np.minimum(taken_up, MOST_LEVERAGE))
+        square = np.minimum(left**2, (CLIP * sd) ** 2) / (1.0 - np.minimum(taken_up, MOST_LEVERAGE))
 
         def by_bin(x: Floats) -> Floats:
             return np.bincount(at, kept * x, BINS).astype(np.float64)
