@@ -23,7 +23,7 @@ at the edge of its band one. The tactel is ``out``, and no reading of it is used
 band again.
 
 Down: readings below the zero for half a second become the zero at once, if they are in the band. They may
-come back: the zero is as uncertain as it has moved, up to three thresholds.
+come back: the zero is as uncertain as it has moved.
 
 Long touches: what remains on a patch is no touch if drift explains it on every tactel for half a second, here
 and on the touched patches beside it: within 3 standard deviations of zeros that have moved on their own, and
@@ -97,9 +97,6 @@ drift: one that is wrong by a bit does not."""
 CALM_S: Final = 0.5
 """Time that makes a first zero, time below a zero that takes it down, and in which drift explains all that is
 left of a touch, s."""
-LOW_MOST: Final = 3.0
-"""Standard deviation of a zero that has gone down, at most, in touch thresholds: three of it hide a touch
-until following has halved it a few times, within two seconds."""
 MOST_GAIN: Final = 0.05
 """Share of one reading in a zero, at most: after a minute without observation a zero is less certain than one
 reading, but twenty readings are better than one, and 0.4 s later."""
@@ -231,7 +228,7 @@ class Baseline:
     def _watch_band(self, seen: Bools) -> Bools:
         """Note what is out of the zero band; return the tactels read in band."""
         w, away, edge = self.felt, self._last - self._centre, np.abs(self.felt.zero - self._centre)
-        leaves = (away < -self._band - CLIP * np.sqrt(w.variance)) | (edge >= self._band)
+        leaves = (away < -self._band) | (edge >= self._band)
         crosses = np.where(w.out, np.abs(away) <= self._band, leaves)
         self._run = np.where(seen, np.where(crosses, self._run + 1, 0), self._run)
         turned = self._run >= WINDOW_CYCLES
@@ -311,7 +308,7 @@ class Baseline:
         if falls.any():
             # the whole of it, at once; it may as well come back
             w.zero[falls] = np.maximum(self._last, self._centre - self._band)[falls]
-            w.doubt[falls] = np.minimum(e**2, (LOW_MOST * self._touch) ** 2)[falls]
+            w.doubt[falls] = e[falls] ** 2
             self._low_n[falls] = 0
         quickest = np.maximum(1.0 / np.maximum(self._n_free, 1), min(MOST_GAIN, dt / GAIN_S))
         gain = np.clip(w.doubt / (w.doubt + noise2), slowest, np.maximum(quickest, slowest))

@@ -268,11 +268,10 @@ def test_clock_set_back_or_repeated_changes_no_zero(skin):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("n_cycles", [10_000, pytest.param(100_000, marks=pytest.mark.slow)])
-def test_drift_makes_no_false_touch(n_cycles):
+def test_drift_makes_no_false_touch():
     skin = Skin(seed=8)
     touched = 0
-    for n in range(n_cycles):
+    for n in range(10_000):
         skin.t_ns += PERIOD_NS
         out = 0.02 * n + SIGMA * skin.rng.standard_normal(N)
         skin.baseline.apply(out, skin.t_ns)
