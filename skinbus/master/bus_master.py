@@ -135,10 +135,9 @@ class BusMaster:
             owing = owing & (fresh | ~gather.has_sent[self.patches])
         self.events += self.supervisor.readings(now_ns, owing, fresh, gather.bad_length[self.patches])
         doubled, late = gather.freshness.is_doubled[self.patches], gather.freshness.is_late[self.patches]
-        if doubled.any() and not self.has_other_master:
-            self._take(self.supervisor.doubled(now_ns, doubled))
-        if late.any() and not self.has_other_master:
-            self._take(self.supervisor.late(now_ns + round(1000 * LATE_PERIODS * self._period_us), late))
+        if (doubled | late).any() and not self.has_other_master:
+            until_ns = now_ns + round(1000 * LATE_PERIODS * self._period_us)
+            self._take(self.supervisor.stop(now_ns, until_ns, doubled, late))
 
     def show(self, now_ns: int) -> None:
         """Write the states of patches and tactels to the objects."""

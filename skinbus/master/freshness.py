@@ -190,8 +190,7 @@ class Freshness:
         in_excess = answers.n_excess > 0
         self._is_babbled |= answers.n_frames > BABBLE * self._n_pdos
         self._was_doubled |= in_excess
-        again = in_excess | (self._was_doubled & ~answering)
-        self._unusable_ns[again] = now_ns + np.where(self._is_babbled, STILL_NS, CALM_NS)[again]
+        self._unusable_ns[in_excess] = now_ns + np.where(self._is_babbled, STILL_NS, CALM_NS)[in_excess]
         self._was_doubled &= self._unusable_ns > now_ns
         self._is_babbled &= self._was_doubled
         self.is_doubled = in_excess & ~self._is_babbled

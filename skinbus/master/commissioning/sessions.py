@@ -7,7 +7,6 @@ threads.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -24,13 +23,6 @@ from skinbus.objects import cia
 
 INITIATE_ANSWERS = (2, 3)
 """Command specifiers of answers that name their object: to the request of an upload and of a download."""
-
-MAX_IN_FLIGHT = 32
-"""Requests to nodes that answer, at the same time. On the wire low node-IDs go first: with all of 126 nodes
-the last would wait for longer than the time-out. So many fill a bus on which an answer takes 8 ms."""
-
-FIRST_NS = 50_000_000
-"""For so long the first requests to nodes go before all that follow; of 126 nodes they take 32 ms."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,10 +139,7 @@ UnderWay = SdoTransfer | ListenUnderWay
 class _Session(Generic[T]):
     script: Generator[Any, Any, T]
     node_id: int
-    under_way: UnderWay | None
-    """None while ``following`` waits for its turn."""
-    following: UnderWay | None = None
-    begun_ns: int = 0
+    under_way: UnderWay
     has_answered: bool = False
     answered: set[bytes] = field(default_factory=set)
     """Keys of the transfers that have been answered."""
@@ -162,9 +151,6 @@ class Sessions(Generic[T]):
 
     def __init__(self, timeouts: Timeouts | None = None) -> None:
         self._sessions: dict[int, _Session[T]] = {}
-        self._queue: deque[int] = deque()
-        self._in_flight: set[int] = set()
-        """Sessions whose node has answered before, and owes an answer."""
         self._timeouts = timeouts or Timeouts()
 
     def __contains__(self, key: int) -> bool:
@@ -181,31 +167,21 @@ class Sessions(Generic[T]):
     @property
     def wake_ns(self) -> int:
         """Time of the next time-out (ns)."""
-        under_way = (session.under_way for session in self._sessions.values())
-        wake_ns = min((transfer.wake_ns for transfer in under_way if transfer), default=NEVER)
-        return min(wake_ns, self._first_until()) if self._queue else wake_ns
+        return min((session.under_way.wake_ns for session in self._sessions.values()), default=NEVER)
 
-    def begin(
-        self, now_ns: int, key: int, node_id: int, script: Generator[Any, Any, T], *, is_there: bool = False
-    ) -> list[Frame]:
-        """Begin a script, dropping one under way with the same key; return its first frames.
-
-        ``is_there``: the node has sent something already.
-        """
-        self.drop(key)
-        under_way = self._open(next(script), node_id)
-        self._sessions[key] = _Session(script, node_id, under_way, begun_ns=now_ns, has_answered=is_there)
-        return under_way.step(now_ns, ())
+    def begin(self, now_ns: int, key: int, node_id: int, script: Generator[Any, Any, T]) -> list[Frame]:
+        """Begin a script, dropping one under way with the same key; return its first frames."""
+        session = _Session(script, node_id, self._open(next(script), node_id))
+        self._sessions[key] = session
+        return session.under_way.step(now_ns, ())
 
     def drop(self, key: int) -> None:
         """Drop a session, if there is one with this key."""
         self._sessions.pop(key, None)
-        self._in_flight.discard(key)
 
     def clear(self) -> None:
         """Drop all."""
         self._sessions.clear()
-        self._in_flight.clear()
 
     def step(
         self, now_ns: int, answers: Mapping[int, Sequence[Frame]]
@@ -213,56 +189,32 @@ class Sessions(Generic[T]):
         """Take frames by key; return the next frames, and what the scripts that have ended returned."""
         out: list[Frame] = []
         ended: list[tuple[int, T]] = []
-        due = [
-            key
-            for key, session in self._sessions.items()
-            if session.under_way and session.under_way.wake_ns <= now_ns
-        ]
-        for key in {*answers, *due}:
-            session = self._sessions.get(key)
-            if session is not None:
+        for key, session in list(self._sessions.items()):
+            if key in answers or session.under_way.wake_ns <= now_ns:
                 try:
-                    if self._advance(now_ns, session, answers.get(key, ()), out):
-                        self._in_flight.discard(key)
-                        self._queue.append(key)
+                    out += self._advance(now_ns, session, answers.get(key, ()))
                 except StopIteration as end:
                     self.drop(key)
                     ended.append((key, end.value))
-        is_free = bool(self._queue) and self._first_until() <= now_ns
-        while is_free and self._queue and len(self._in_flight) < MAX_IN_FLIGHT:
-            key = self._queue.popleft()
-            session = self._sessions.get(key)
-            if session is not None and session.following is not None:
-                session.under_way, session.following = session.following, None
-                self._in_flight.add(key)
-                out += session.under_way.step(now_ns, ())
         return out, ended
 
-    def _first_until(self) -> int:
-        """Return until when first requests go before the others (ns)."""
-        unanswered = (session.begun_ns for session in self._sessions.values() if not session.has_answered)
-        return max(unanswered, default=-FIRST_NS) + FIRST_NS
-
-    def _advance(self, now_ns: int, session: _Session[T], frames: Sequence[Frame], out: list[Frame]) -> bool:
-        """Feed one session; return whether it has a next request. StopIteration when its script has ended."""
+    def _advance(self, now_ns: int, session: _Session[T], frames: Sequence[Frame]) -> list[Frame]:
+        """Feed one session; return what it sends. StopIteration when its script has ended."""
         session.has_answered |= bool(frames)
-        under_way = session.under_way
+        under_way, keys = session.under_way, _keys(frames)
         current = under_way.key if isinstance(under_way, SdoTransfer) else b""
-        session.n_surplus += sum(key != current and key in session.answered for key in _keys(frames))
-        if under_way is None:
-            return False
-        out += under_way.step(now_ns, frames)
+        session.n_surplus += sum(key != current and key in session.answered for key in keys)
+        out = under_way.step(now_ns, frames)
         reply = under_way.reply
         if reply is None:
-            return False
+            return out
         if isinstance(reply, Reply):
             if not reply.is_silent:
-                session.n_surplus += max(0, sum(key == current for key in _keys(frames)) - 1)
+                session.n_surplus += max(0, keys.count(current) - 1)
                 session.answered.add(current)
             reply = reply._replace(n_surplus=session.n_surplus)
-        session.under_way = None
-        session.following = self._open(session.script.send(reply), session.node_id)
-        return True
+        session.under_way = self._open(session.script.send(reply), session.node_id)
+        return out + session.under_way.step(now_ns, ())
 
     def _open(self, request: Request | Listen, node_id: int) -> UnderWay:
         if isinstance(request, Request):

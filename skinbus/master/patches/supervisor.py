@@ -1,7 +1,7 @@
 """Supervision: boots the patches side by side, watches their heartbeats, and recovers those that return.
 
-The states of a patch and what leads from one to another are in ``table.TRANSITIONS``. Where another master
-boots the patches, a ``PatchMonitor`` takes the place of the supervisor.
+docs/canopen.md says what leads from one state of a patch to another. Where another master boots the patches,
+a ``PatchMonitor`` takes the place of the supervisor.
 """
 
 from __future__ import annotations
@@ -30,23 +30,20 @@ from skinbus.node.nmt import command_for, nmt_frame
 from skinbus.objects import cia
 from skinbus.objects.cia import AbortCode, EmcyCode, NmtCommand, NmtState
 
-DELAYS_S = (0, 1, 2, 4, 8, 16, 30)
-"""Delays between the starts of a patch that stops running soon after each, or between looks at a double
-node-ID; the last one stays."""
+LONGEST_S = 30
+"""Longest pause before the start of a patch that stops running soon after each, or between looks at a double
+node-ID. The first one is none, the second a second; each is twice as long as the one before."""
 
-STABLE_NS = 30_000_000_000
-"""A patch that has run for so long is stable: its next restart is at once. No shorter than the longest delay,
-so that one that fails once in each delay is not taken for a stable one."""
-
-GRACE_NS = 100_000_000
-"""A heartbeat that contradicts a command so soon after was under way before: two full buses long."""
+STEADY_NS = 5_000_000_000
+"""A patch that has run for so long, and as long as its last pause, is started again at once."""
 
 HOLD_NS = 20_000_000
 """No patch is started so soon after the first boot-up message of another: on the wire these give way to SDO,
 so those of many boards that start together come one by one; 20 frame times at 125 kbit/s."""
 
 RETRY_NS = 1_000_000_000
-"""Pause between attempts to reach a patch that does not answer: long against a boot."""
+"""Pause between attempts to reach a patch that does not answer: long against a boot. A heartbeat that
+contradicts the start of a patch so soon after was under way before, on a full bus or a busy machine."""
 
 NAMED_NS = 1_000_000_000
 """After its start, when a patch is asked for its serial number: the start of many takes no longer for it."""
@@ -66,14 +63,6 @@ REFUSALS = {Provision.REFUSED: EventKind.PATCH_REFUSED, Provision.DOUBLED: Event
 
 Ended = Provisioned | Answering
 """What a session returned: of a boot, or of a question for the boards of a node-ID."""
-
-
-N_DOUBTS = 3
-"""Doubts about a board that need no second answer by SDO. A single frame may come twice: CAN repeats one of
-which only the sender saw an error in the last bit."""
-
-DOUBTS_NS = 10_000_000_000
-"""Time within which they count."""
 
 
 class PatchMonitor:
@@ -153,14 +142,10 @@ class PatchMonitor:
         self._report(now_ns, EventKind.PATCH_BACK, *back)
         return silent, back
 
-    def doubled(self, now_ns: int, patches: Mask) -> tuple[list[Frame], list[Event]]:
-        """Take patches (n_patches,) whose readings came twice."""
-        self._report(now_ns, EventKind.PATCH_DOUBLED, *np.flatnonzero(patches).tolist())
+    def stop(self, now_ns: int, until_ns: int, doubled: Mask, late: Mask) -> tuple[list[Frame], list[Event]]:
+        """Take patches (n_patches,) whose readings came twice, and those whose are missing or late."""
+        self._report(now_ns, EventKind.PATCH_DOUBLED, *np.flatnonzero(doubled).tolist())
         return self._taken()
-
-    def late(self, until_ns: int, patches: Mask) -> tuple[list[Frame], list[Event]]:
-        """Stop patches (n_patches,) until then, whose readings are missing or late: not where others do."""
-        return [], []
 
     def request(self, p: int | None, command: NmtCommand) -> AbortCode | None:
         """Reset patch p, or all, with the next step, because a client asks for it; return why not."""
@@ -207,9 +192,8 @@ class Supervisor(PatchMonitor):
         self._is_lost = np.zeros(n, np.bool_)  # as the log has it: "back" follows
         self._due = np.full((2, n), NEVER)
         self._try_at, self._reset_at = self._due
-        self._started_at, self._not_before, self._n_failed = np.zeros((3, n), np.int64)
+        self._started_at, self._not_before, self._pause_s = np.zeros((3, n), np.int64)
         self._bad_length = np.zeros(n, np.int32)
-        self._doubts: dict[int, list[int]] = {}  # times at which its readings came twice
         self._requests: list[tuple[int | None, NmtCommand]] = []
         self._is_bus_lost = False
         lost_after = [int(HEARTBEAT_FACTOR * plan.heartbeat_ns) or NEVER for plan in plans]
@@ -228,7 +212,7 @@ class Supervisor(PatchMonitor):
         self._sessions.clear()
         self._ready.clear()
         self._has_booted[:] = self._is_lost[:] = False
-        self._n_failed[:] = self._not_before[:] = 0
+        self._pause_s[:] = self._not_before[:] = 0
         self._try_at[:], self._reset_at[:] = now_ns + RETRY_NS, NEVER
         self._next_watch = now_ns + self._watch_period
         is_asked = any(target is None for target, _ in self._requests)  # a client has all of them reset
@@ -242,10 +226,8 @@ class Supervisor(PatchMonitor):
     def bus_is_back(self, now_ns: int) -> None:
         """Resume: no patch is late for what was lost, and what was asked then is asked again."""
         self._is_bus_lost, self.table.last_heard[:] = False, now_ns
-        silent = self.table.state == PatchState.SILENT
-        self._try_at[silent], self._reset_at[silent] = NEVER, now_ns + MUTE_NS  # readings suffice
-        unheard = np.array([p in self._sessions for p in range(len(self._plans))]) & ~self.table.is_running
-        self._try_at[(self._try_at < NEVER) | unheard] = now_ns
+        self._try_at[:] = np.where(self.table.is_running, NEVER, now_ns)
+        self._reset_at[self.table.state == PatchState.SILENT] = now_ns + MUTE_NS  # readings suffice
 
     def request(self, p: int | None, command: NmtCommand) -> AbortCode | None:
         """Reset patch p, or all, with the next step, because a client asks for it; return why not."""
@@ -281,7 +263,7 @@ class Supervisor(PatchMonitor):
                 code = code if code >= FIRST_ERROR else EmcyCode.GENERIC * (frame.data[2] > 0)
                 self._error(now_ns, p, code, frame.data[3:])
             elif base == cia.SDO_CLIENT_BASE and (what := foreign_write(frame.data)):
-                self._fall(now_ns, p, f"another client writes {what}", RETRY_NS)
+                self._fall(now_ns, p, f"another client writes {what}", RETRY_NS)  # its requests might collide
         self._serve(now_ns)
         if now_ns >= self._due.min():
             for p in np.flatnonzero(self._try_at <= now_ns).tolist():
@@ -314,9 +296,6 @@ class Supervisor(PatchMonitor):
                     self._error(now_ns, p, result.error)
             elif len(result.serials) > 1:
                 self._refuse(now_ns, p, EventKind.PATCH_DOUBLED, str(result))
-            elif len(self._doubts.get(p, ())) >= N_DOUBTS:
-                why = "readings came twice in a cycle: two boards?"
-                self._refuse(now_ns, p, EventKind.PATCH_DOUBLED, why)
             elif any(result.serials):
                 before, (serial,) = int(self.table.serial[p]), result.serials
                 if before not in (0, serial):  # another board has its place since it ran last
@@ -341,83 +320,63 @@ class Supervisor(PatchMonitor):
             self._report(now_ns, EventKind.PDO_LENGTH_END, *np.flatnonzero(good).tolist())
         return self._taken()[1]
 
-    def doubled(self, now_ns: int, patches: Mask) -> tuple[list[Frame], list[Event]]:
-        """Take patches (n_patches,) whose readings came twice; they are asked which boards they are."""
-        for p in np.flatnonzero(patches & self.table.is_running).tolist():
-            if p not in self._sessions:
-                recent = [t for t in self._doubts.get(p, ()) if now_ns - t < DOUBTS_NS]
-                self._doubts[p] = [*recent, now_ns]
-                self._ask(now_ns, p, ask_boards(self._plans[p].node_id))
+    def stop(self, now_ns: int, until_ns: int, doubled: Mask, late: Mask) -> tuple[list[Frame], list[Event]]:
+        """Stop these patches until then and boot them: of two boards under one node-ID both answer."""
+        for p in np.flatnonzero((doubled | late) & self.table.is_running).tolist():
+            if doubled[p]:
+                self._fall(now_ns, p, "readings came twice in a cycle", until_ns - now_ns)
+            else:
+                self._stop(p)
+                self._command(p, NmtCommand.PRE_OPERATIONAL)
+                self._try_at[p] = until_ns
         return self._taken()
-
-    def late(self, until_ns: int, patches: Mask) -> tuple[list[Frame], list[Event]]:
-        """Stop patches (n_patches,) whose readings are missing or late, and boot them then."""
-        for p in np.flatnonzero(patches & self.table.is_running).tolist():
-            self._stop(p)
-            self._silence(p, until_ns)
-        return self._taken()
-
-    def _silence(self, p: int, until_ns: int) -> None:
-        """Let patch p send no readings, and boot it then."""
-        self._command(p, NmtCommand.PRE_OPERATIONAL)
-        self._try_at[p] = until_ns
 
     def _heartbeat_of(self, now_ns: int, p: int, state: int) -> None:
         """Take a heartbeat or boot-up message of patch p."""
         table, may_begin = self.table, now_ns >= self._not_before[p]
         table.heartbeat(now_ns, p, state)
-        if state == NmtState.INITIALISING:
-            if table.is_running[p]:
-                self._fell(now_ns, p, EventKind.PATCH_REBOOTED)
-            if now_ns >= self._not_before[p]:
-                self._begin(now_ns, p, has_sent_boot_up=True)
+        if state == NmtState.INITIALISING and table.is_running[p]:
+            self._fell(now_ns, p, EventKind.PATCH_REBOOTED)
+        elif state == NmtState.INITIALISING and may_begin:
+            self._begin(now_ns, p, has_sent_boot_up=True)
         elif state == NmtState.OPERATIONAL:
             if table.state[p] == PatchState.ABSENT and p not in self._sessions:
                 self._begin(now_ns, p)
-        elif now_ns - self._started_at[p] < GRACE_NS:
+        elif now_ns - self._started_at[p] < RETRY_NS:
             pass  # sent before the command arrived
         elif state != NmtState.STOPPED or p in self._sessions:
             # it fell back without a boot-up: somebody stopped it, or its bus went away
             self._fall(now_ns, p, f"heartbeat with state 0x{state:02X}")
         elif table.is_running[p] or may_begin:
             # It answers no SDO in this state; somebody has to get it out of there.
-            if table.is_running[p]:
-                self._fell(now_ns, p, EventKind.PATCH_FELL_BACK, "it was stopped")
-            else:
-                self._back_off(now_ns, p)
-            self._try_at[p] = max(now_ns + RETRY_NS, int(self._not_before[p]))
+            self._fell(now_ns, p, EventKind.PATCH_FELL_BACK, "it was stopped", RETRY_NS)
             self._command(p, NmtCommand.RESET_COMMUNICATION)
 
-    def _fall(self, now_ns: int, p: int, detail: str, pause_ns: int = 0) -> None:
-        """Boot patch p again, if it runs; after a pause where requests of another client might collide."""
+    def _fall(self, now_ns: int, p: int, detail: str, least_ns: int = 0) -> None:
+        """Stop patch p, if it runs, and boot it again."""
         if self.table.is_running[p]:
-            self._fell(now_ns, p, EventKind.PATCH_FELL_BACK, detail)
-            if pause_ns:
-                self._silence(p, now_ns + pause_ns)
-            elif now_ns >= self._not_before[p]:
-                self._begin(now_ns, p)
+            self._silence(p)
+            self._fell(now_ns, p, EventKind.PATCH_FELL_BACK, detail, least_ns)
 
-    def _fell(self, now_ns: int, p: int, kind: EventKind, detail: str = "") -> None:
-        """Note that patch p no longer runs; if it does so time and again it is booted later, not at once."""
+    def _fell(self, now_ns: int, p: int, kind: EventKind, detail: str = "", least_ns: int = 0) -> None:
+        """Boot patch p again: at once, after ``least_ns``, or later if it falls time and again."""
+        ran_ns = (now_ns - self._started_at[p]) * self.table.is_running[p]
+        if ran_ns >= max(STEADY_NS, 1_000_000_000 * self._pause_s[p]):
+            self._pause_s[p] = 0
         self.table.restarts[p] += 1
-        if now_ns - self._started_at[p] >= STABLE_NS:
-            self._n_failed[p] = 0
         self._stop(p)
-        if delay_s := self._back_off(now_ns, p):
-            delay = f"restart {self.table.restarts[p]}, in {delay_s} s"
-            detail = f"{detail}; {delay}" if detail else delay
-            self._try_at[p] = self._not_before[p]
+        if pause_s := self._back_off(now_ns, p):
+            pause = f"restart {self.table.restarts[p]}, in {pause_s} s"
+            detail = f"{detail}; {pause}" if detail else pause
+        self._try_at[p] = max(now_ns + least_ns, int(self._not_before[p]))
         self._report(now_ns, kind, p, detail=detail)
 
     def _back_off(self, now_ns: int, p: int) -> int:
         """Put off the next start of patch p, by more with each failure; return by how many seconds."""
-        delay_s = self._delay_s(p)
-        self._n_failed[p] += 1
-        self._not_before[p] = now_ns + 1_000_000_000 * delay_s
-        return delay_s
-
-    def _delay_s(self, p: int) -> int:
-        return DELAYS_S[min(int(self._n_failed[p]), len(DELAYS_S) - 1)]
+        pause_s = int(self._pause_s[p])
+        self._not_before[p] = now_ns + 1_000_000_000 * pause_s
+        self._pause_s[p] = min(max(1, 2 * pause_s), LONGEST_S)
+        return pause_s
 
     def _stop(self, p: int) -> None:
         """Abandon what goes on with patch p: it has to be booted."""
@@ -431,16 +390,13 @@ class Supervisor(PatchMonitor):
     def _begin(self, now_ns: int, p: int, *, has_sent_boot_up: bool = False) -> None:
         """Start (or start again) the boot of patch p."""
         self._stop(p)
-        is_first = has_sent_boot_up and not self._has_booted[p]
-        if is_first:
+        if has_sent_boot_up and not self._has_booted[p]:
             self._has_booted[p] = True
             self._hold_until = now_ns + HOLD_NS
-        script = provision(self._plans[p], Task.BOOT, is_restored=bool(self._is_restored[p]))
-        self._ask(now_ns, p, script, is_there=is_first)
+        self._ask(now_ns, p, provision(self._plans[p], Task.BOOT, is_restored=bool(self._is_restored[p])))
 
-    def _ask(self, now_ns: int, p: int, script: Script[Ended], *, is_there: bool = False) -> None:
-        node_id = self._plans[p].node_id
-        self._out += self._sessions.begin(now_ns, p, node_id, script, is_there=is_there)
+    def _ask(self, now_ns: int, p: int, script: Script[Ended]) -> None:
+        self._out += self._sessions.begin(now_ns, p, self._plans[p].node_id, script)
 
     def _conclude(self, now_ns: int, p: int, result: Provisioned) -> None:
         """Act on the end of a boot."""
@@ -465,21 +421,18 @@ class Supervisor(PatchMonitor):
 
     def _refuse(self, now_ns: int, p: int, kind: EventKind, reason: str) -> None:
         """Do not let patch p run, and look at it again later, at a double node-ID more and more rarely."""
-        self._n_failed[p] += kind is EventKind.PATCH_DOUBLED
-        self._try_at[p] = now_ns + max(RETRY_NS, 1_000_000_000 * self._delay_s(p))
-        if self.table.nmt[p] == NmtState.OPERATIONAL:
-            self._command(p, NmtCommand.PRE_OPERATIONAL)
+        pause_s = self._back_off(now_ns, p) if kind is EventKind.PATCH_DOUBLED else 0
+        self._try_at[p] = now_ns + max(RETRY_NS, 1_000_000_000 * pause_s)
+        self._silence(p)
         if self.table.state[p] != PatchState.WRONG:
             self.table.enter(p, PatchState.WRONG)
             self._report(now_ns, kind, p, detail=reason)
 
     def _start_patch(self, now_ns: int, p: int) -> None:
-        if self.table.nmt[p] == NmtState.OPERATIONAL:  # with the start it sends what has not changed, too
-            self._command(p, NmtCommand.PRE_OPERATIONAL)
+        self._silence(p)  # with the start it sends what has not changed, too
         self._enter(p, PatchState.OPERATIONAL)
         self.table.nmt[p] = NmtState.OPERATIONAL
         self.table.last_heard[p] = self._started_at[p] = now_ns
-        self._doubts.pop(p, None)
         self._is_unnamed[p] = True
         self._command(p, NmtCommand.START)
         self._report(now_ns, EventKind.PATCH_STARTED, p)
@@ -487,13 +440,18 @@ class Supervisor(PatchMonitor):
             self._is_lost[p] = False
             self._report(now_ns, EventKind.PATCH_BACK, p)
 
+    def _silence(self, p: int) -> None:
+        """Let patch p send no readings, if it may do so."""
+        if self.table.nmt[p] == NmtState.OPERATIONAL:
+            self._command(p, NmtCommand.PRE_OPERATIONAL)
+
     def _serve(self, now_ns: int) -> None:
         """Reset what clients have asked for; the boot-up messages begin the rest."""
         requests, self._requests = self._requests, []
         for target, command in requests:
             for p in range(len(self._plans)) if target is None else (target,):
                 self._stop(p)
-                self._n_failed[p] = self._not_before[p] = 0
+                self._pause_s[p] = self._not_before[p] = 0
                 self._try_at[p] = now_ns + RETRY_NS
             self._out.append(nmt_frame(command, 0 if target is None else self._plans[target].node_id))
 

@@ -37,17 +37,6 @@ class PatchState(IntEnum):
 RUNNING = (PatchState.OPERATIONAL, PatchState.SILENT)
 """States of a patch that was started and has not been booted anew since."""
 
-NEXT = {
-    PatchState.ABSENT: (PatchState.BOOTING,),
-    PatchState.BOOTING: (PatchState.OPERATIONAL, PatchState.WRONG, PatchState.ABSENT),
-    PatchState.WRONG: (PatchState.OPERATIONAL, PatchState.ABSENT),
-    PatchState.OPERATIONAL: (PatchState.SILENT, PatchState.BOOTING, PatchState.WRONG, PatchState.ABSENT),
-    PatchState.SILENT: (PatchState.OPERATIONAL, PatchState.BOOTING, PatchState.WRONG, PatchState.ABSENT),
-}
-"""The states that follow each; docs/canopen.md says when."""
-
-TRANSITIONS = frozenset((before, after) for before, states in NEXT.items() for after in states)
-
 
 class PatchTable:
     """One row per patch of the arm.
@@ -81,7 +70,7 @@ class PatchTable:
         return np.isin(self.state, RUNNING)
 
     def enter(self, p: int, state: PatchState) -> None:
-        """Put patch p into a state that ``TRANSITIONS`` leads to."""
+        """Put patch p into a state."""
         self.starts[p] += self.state[p] not in RUNNING and state in RUNNING
         self.state[p] = state
 

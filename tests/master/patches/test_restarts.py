@@ -39,6 +39,6 @@ class Stopped(Wrapped):
 def test_a_patch_that_stays_stopped_is_reset_more_and_more_rarely():
     bench = Bench(Stopped(patch(1)))
     bench.wire.attach(Master(load_arm("pad")))
-    bench.pass_ms(20_000)
+    bench.pass_ms(12_000)
     resets = [f for f in bench.frames if (f.can_id, f.data) == (cia.NMT_COMMAND_ID, b"\x82\x01")]
     assert 3 <= len(resets) <= 6
