@@ -13,11 +13,22 @@ from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master import Master
 from skinbus.master.patches.provisioning import expected_nodes
-from skinbus.master.patches.table import TRANSITIONS, PatchState
+from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 from tests.fuzz.feeding import feed
 from tests.run_in_process import run_in_process
+
+ABSENT, BOOTING, WRONG, OPERATIONAL, SILENT = list(PatchState)[1:]
+NEXT = {
+    ABSENT: (BOOTING,),
+    BOOTING: (OPERATIONAL, WRONG, ABSENT),
+    WRONG: (OPERATIONAL, ABSENT),
+    OPERATIONAL: (SILENT, BOOTING, WRONG, ABSENT),
+    SILENT: (OPERATIONAL, BOOTING, WRONG, ABSENT),
+}
+"""The states of a patch that follow each, as docs/canopen.md says."""
+TRANSITIONS = {(before, after) for before, states in NEXT.items() for after in states}
 
 SEED = 20260103
 STEPS_NS = (100_000, 2_000_000, 400_000_000)
