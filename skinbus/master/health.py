@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from skinbus.estimate import TactelFault
 from skinbus.master.cycle import Cycle, CycleReport
-from skinbus.master.memory import MAX_NUMBER, digits_of, fingerprint, names_of, numbers_in, table_in
+from skinbus.master.memory import digits_of, fingerprint, names_of
 from skinbus.model import Arm
 
 Records = npt.NDArray[np.void]
@@ -116,7 +116,7 @@ class Health:
         return {"arm": arm.name, "health": patches}
 
     def resume(self, tables: dict[str, Any]) -> int:
-        """Take up what an earlier run has seen; return of how many boards. Nothing in the tables raises."""
+        """Take up what an earlier run has seen; return of how many boards."""
         found = read_health(self._arm, tables)
         for p, own in enumerate(found):
             if own is not None:
@@ -125,12 +125,8 @@ class Health:
 
 
 def read_health(arm: Arm, tables: dict[str, Any]) -> list[Records | None]:
-    """Return what tables say of each patch, None of one with another serial number or calibration.
-
-    None, too, where there is nothing that is whole.
-    """
-    patches = table_in(tables.get("health"))
-    return [_records(arm, p, table_in(patches.get(name))) for p, name in enumerate(names_of(arm))]
+    """Return what tables say of each patch, None of one with another serial number or calibration."""
+    return [_records(arm, p, tables["health"].get(name, {})) for p, name in enumerate(names_of(arm))]
 
 
 def _records(arm: Arm, p: int, own: dict[str, Any]) -> Records | None:
@@ -138,12 +134,7 @@ def _records(arm: Arm, p: int, own: dict[str, Any]) -> Records | None:
         return None
     records = new_records(arm.patches[p].patch.n_tactels)
     for name in NAMES:
-        is_count = name in NAMES[4:]
-        least = 0.0 if is_count else -MAX_NUMBER
-        column = numbers_in(own.get(name), len(records), least, may_miss=not is_count)
-        if column is None:
-            return None
-        records[name] = column
+        records[name] = np.array(own[name], np.float64)
     return records
 
 

@@ -4,6 +4,7 @@ It is kept as plain tables, for each patch under its bus and node-ID. A patch ta
 the same board with the same calibration; the variance of a zero grows with the time that has passed, and a
 tactel whose zero has become too uncertain for its threshold begins as at power-on. A contact is taken up with
 the first readings of its patch: if it is still there it keeps its identity, otherwise it is lifted.
+The file that holds the tables says whether they are whole: ``config.state_file``.
 """
 
 from __future__ import annotations
@@ -33,11 +34,6 @@ COLUMNS = {
     "pressed_Pa": "pressed",
 }
 """Keys of a patch, and the columns of ``KeptZeros`` that they hold."""
-
-SIGNED = ("zero_Pa", "band_centre_Pa")
-
-MAX_NUMBER = 1e15
-"""Pa or Pa^2: no zero and no variance is larger."""
 
 CONTACT_S = 30.0
 """A contact is taken up after so long at most, s: a restart, and the boot of all patches."""
@@ -99,66 +95,32 @@ class Memory:
         }
 
     def resume(self, tables: dict[str, Any], age_s: float) -> Resumed:
-        """Take up a state that is ``age_s`` old; what does not fit the arm is left out, nothing raises."""
+        """Take up a state that is ``age_s`` old; what does not fit the arm is left out."""
         arm, found = self._arm, Resumed()
-        patches = table_in(tables.get("patches"))
-        fits = np.zeros(arm.n_patches, np.bool_)
         for p, name in enumerate(self._names):
-            kept = table_in(patches.get(name))
-            columns = self._columns(p, kept)
-            if columns is None:
-                if kept:
-                    found.strangers.append(name)
+            kept = tables["patches"].get(name)
+            if kept is None:
                 continue
-            fits[p] = True
-            taken = self._baseline.resume(p, columns, age_s)
-            n_zeroed = int(columns.zeroed.sum())
+            if kept["board"] != self._prints[p]:
+                found.strangers.append(name)
+                continue
+            columns = {column: np.array(kept[key], np.float64) for key, column in COLUMNS.items()}
+            flags = {column: columns[column] != 0.0 for column in ("zeroed", "touched")}
+            zeros = KeptZeros(**{**columns, **flags})
+            taken = self._baseline.resume(p, zeros, age_s)
             found.n_zeros += taken
             if taken:
                 self._cycle.keep_zero(p)
-            if taken < n_zeroed:
-                found.stale[p] = n_zeroed - taken
-            faults = numbers_in(kept.get("faults"), len(columns.zero), 0.0)
-            if faults is not None:
-                self._plausibility.resume(p, faults.astype(np.int64))
-        last = numbers_in([tables.get(key) for key in ("last_identity", "last_id")], 2, 0.0)
-        if last is not None:
-            identity, number = last.astype(int).tolist()
-            self._tracker.last = max(identity, self._tracker.last[0]), number
-        rows = tables.get("contacts")
-        for row in rows[:64] if age_s <= CONTACT_S and isinstance(rows, list) else ():
-            track = self._track(table_in(row))
-            if track is not None and fits[track.patch]:
+            if n_stale := int(zeros.zeroed.sum()) - taken:
+                found.stale[p] = n_stale
+            self._plausibility.resume(p, np.array(kept["faults"], np.int64))
+        self._tracker.last = max(tables["last_identity"], self._tracker.last[0]), tables["last_id"]
+        own = {name: p for p, name in enumerate(self._names) if name not in found.strangers}
+        for row in tables["contacts"] if age_s <= CONTACT_S else ():
+            if (p := own.get(row["patch"], -1)) >= 0:
+                track = KeptTrack(**row | {"patch": p, "link": arm.patches[p].link})
                 self._tracker.resume(track, CONTACT_S - age_s)
         return found
-
-    def _columns(self, p: int, kept: dict[str, Any]) -> KeptZeros | None:
-        """Return the zeros of a patch, None if they are not of this board or not whole."""
-        if kept.get("board") != self._prints[p]:
-            return None
-        n = self._arm.patches[p].patch.n_tactels
-        least = dict.fromkeys(SIGNED, -MAX_NUMBER)
-        found = {name: numbers_in(kept.get(key), n, least.get(key, 0.0)) for key, name in COLUMNS.items()}
-        whole = {name: column for name, column in found.items() if column is not None}
-        if len(whole) < len(found):
-            return None
-        flags = {name: whole[name] != 0.0 for name in ("zeroed", "touched")}
-        return KeptZeros(**{**whole, **flags})
-
-    def _track(self, row: dict[str, Any]) -> KeptTrack | None:
-        """Return a contact, None if there is no such patch, or a number is none."""
-        numbers = numbers_in([row.get(key) for key in ("identity", "id", "slot", "s", "a", "force")], 6)
-        if numbers is None or row.get("patch") not in self._names:
-            return None
-        patch = self._names.index(row["patch"])
-        link = self._arm.patches[patch].link
-        length = self._arm.links[link].surface.length
-        least, most = (1, 1, 0, 0.0, -1e3, 0.0), (MAX_NUMBER, 255, 255, length, 1e3, 1e5)
-        if not ((numbers >= least) & (numbers <= most)).all():
-            return None
-        *whole, s, a, force = numbers.tolist()
-        identity, number, slot = map(int, whole)
-        return KeptTrack(identity, number, slot, link, patch, s, a, force)
 
 
 def names_of(arm: Arm) -> list[str]:
@@ -177,20 +139,3 @@ def fingerprint(arm: Arm, p: int) -> str:
 def digits_of(column: Floats, digits: int = DIGITS) -> list[float | None]:
     """Return numbers as they are kept: with some significant digits, None where they are not known."""
     return [float(f"{v:.{digits}g}") if v == v else None for v in column.tolist()]
-
-
-def table_in(value: Any) -> dict[str, Any]:
-    """Return a table from a file; nothing where it is none."""
-    return value if isinstance(value, dict) else {}
-
-
-def numbers_in(value: Any, n: int, least: float = -MAX_NUMBER, *, may_miss: bool = False) -> Floats | None:
-    """Return n numbers from a file, none below ``least``; None if they are not. A null may be NaN."""
-    if not isinstance(value, list) or len(value) != n:
-        return None
-    numbers = [np.nan if v is None and may_miss else v for v in value]
-    if not all(isinstance(v, int | float) and not abs(v) >= MAX_NUMBER for v in numbers):
-        return None
-    column = np.array(numbers, np.float64)
-    is_missing = np.isnan(column) & may_miss
-    return column if (is_missing | (column >= least)).all() else None

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from skinbus.estimate import TrackState
-from skinbus.master.memory import Memory
 from tests.master.restarting import SCENE, Restarts
 
 
@@ -103,36 +102,3 @@ def test_another_board_or_calibration_begins_anew(story):
     patch["board"] = "7:16:00000000"
     found = story.restarts.start(tables, 1.0)
     assert (found.n_zeros, len(found.strangers)) == (0, 1)
-
-
-WRONG = {
-    "nothing": None,
-    "number": 1,
-    "text": "x",
-    "empty": [],
-    "table": {},
-    "nones": [None] * 16,
-    "infinite": [1e400] * 16,
-    "texts": ["x"] * 16,
-    "short": [1.0] * 15,
-    "negative": -1,
-    "negatives": [-1] * 16,
-    "deep": [[1.0]] * 16,
-    "huge": 10**400,
-    "huge ones": [10**400] * 16,
-    "truth": True,
-}
-
-
-@pytest.mark.parametrize("kind", WRONG)
-def test_nothing_in_a_state_raises(story, kind):
-    cycle = story.restarts.master.cycle
-    (name,) = story.tables["patches"]
-    for key in [*story.tables["patches"][name], "contacts", "last_id", "last_identity", "patches"]:
-        tables = story.copy()
-        (tables if key in tables else tables["patches"][name])[key] = WRONG[kind]
-        Memory(cycle).resume(tables, 1.0)
-    for key in story.tables["contacts"][0]:
-        tables = story.copy()
-        tables["contacts"][0][key] = WRONG[kind]
-        Memory(cycle).resume(tables, 1.0)
