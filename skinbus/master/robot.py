@@ -23,7 +23,7 @@ from skinbus.robot.frames import to_single
 from skinbus.robot.positions import JointPositions
 
 FIRST, LAST = "Base x", "Tool fz"
-"""Members of a contact record that are written at once: all REAL32 and side by side, as in the EDS."""
+"""First and last of the members of a contact record that are of the robot, in the order of the EDS."""
 OFFERED = 64
 """Positions from Python that wait for the next cycle at most: those of a loop of 1 kHz at 20 Hz."""
 
@@ -89,19 +89,9 @@ class _Objects:
 
     def __init__(self, device: Device, n_joints: int) -> None:
         od = load_eds("skin-master", device.node_id)
-        records = device.values.rows(od[profile.contact(1)].index, profile.MAX_CONTACTS)
-        fields: Any = records.dtype.fields
-        start, end = fields[FIRST][1], fields[LAST][1] + 4
-        block = np.dtype(
-            {
-                "names": ["block"],
-                "formats": [((np.float32, ((end - start) // 4,)))],
-                "offsets": [start],
-                "itemsize": records.dtype.itemsize,
-            }
-        )
-        self._block: npt.NDArray[np.float32] = records.view(block)["block"]
-        self._valid: npt.NDArray[np.uint8] = records["Robot valid"]
+        self._records = device.values.rows(od[profile.contact(1)].index, profile.MAX_CONTACTS)
+        names = self._records.dtype.names or ()
+        self._names = names[names.index(FIRST) : names.index(LAST) + 1]
 
         def view(name: str, n: int) -> npt.NDArray[Any]:
             index, sub = profile.index_of(od, name)
@@ -118,13 +108,17 @@ class _Objects:
             return
         is_seen = (rows >= 0) & (slots >= 0)
         slots = slots[is_seen]
-        self._valid[slots] = self._is_valid[0] = 1
-        self._block[slots] = placed.records()[rows[is_seen]]
+        self._is_valid[0] = 1
+        self._records["Robot valid"][slots] = 1
+        for name, column in zip(self._names, placed.records()[rows[is_seen]].T, strict=True):
+            self._records[name][slots] = column
         self._positions[:] = to_single(placed.positions)
         self._wrench[:] = to_single(placed.base_wrench)
 
     def clear(self) -> None:
         """Write that base and tool frame are not known."""
-        for column in (self._valid, self._is_valid, self._block, self._positions, self._wrench):
+        for name in ("Robot valid", *self._names):
+            self._records[name] = 0
+        for column in (self._is_valid, self._positions, self._wrench):
             column[...] = 0
         self._n_joints[0] = len(self._positions)
