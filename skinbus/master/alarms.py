@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterable
 
 import numpy as np
@@ -47,6 +46,7 @@ CLEARED_BY = {
     EventKind.PDO_LENGTH_END: (EmcyCode.PDO_LENGTH,),
     EventKind.PATCH_EMCY_CLEARED: (EmcyCode.HARDWARE,),
     EventKind.OTHER_MASTER_END: (EmcyCode.COMMUNICATION,),
+    EventKind.BABBLING_END: (EmcyCode.COMMUNICATION,),
     EventKind.ERROR_PASSIVE_END: (EmcyCode.CAN_PASSIVE,),
     EventKind.BUS_LOST: (EmcyCode.CAN_PASSIVE,),  # the counters begin anew with the interface
 }
@@ -54,9 +54,6 @@ CLEARED_BY = {
 
 PASSING = (EmcyCode.CAN_OVERRUN, EmcyCode.BUS_OFF_RECOVERED)
 """What is over in itself: it is cleared by a cycle in which all readings came."""
-
-BABBLER = struct.Struct("<IB")
-"""Data of the EMCY for a babbling node: identifier, and hundreds of frames a second."""
 
 BURST = 4
 """EMCY of one cause that are sent at once: raised, cleared, raised and cleared."""
@@ -96,25 +93,14 @@ class Alarms:
         """Raise and clear what events call for, as far as the limit allows."""
         for event in events:
             data = bytes([event.node_id]) if event.node_id else event.cob_id.to_bytes(4, "little")
-            if event.kind is EventKind.BABBLING:
-                data = BABBLER.pack(event.cob_id, min(event.count // 100, 0xFF))
             if (code := RAISED_BY.get(event.kind)) is not None:
                 self._change(now_ns, [(code, data)], is_present=True)
             gone = [(code, data) for code in CLEARED_BY.get(event.kind, ())]
-            if event.kind in (EventKind.BABBLING_END, EventKind.BUS_LOST):
-                begin = data if event.cob_id else b""
-                gone += [c for c in self._present if len(c[1]) == BABBLER.size and c[1].startswith(begin)]
+            if event.kind is EventKind.BUS_LOST:  # nothing is known of what was sent there
+                gone += [cause for cause in self._present if cause[0] == EmcyCode.COMMUNICATION]
             self._change(now_ns, gone, is_present=False)
         if self._waiting:
             self._send(now_ns)
-
-    def other_bus(self, now_ns: int, event: Event) -> None:
-        """Take an event of a bus that the device is not on; its number, from 1, is in the data."""
-        cause = EmcyCode.COMMUNICATION, bytes([0, event.bus + 1])
-        if event.kind in (EventKind.BUS_LOST, EventKind.BUS_OFF):
-            self._change(now_ns, [cause], is_present=True)
-        elif event.kind in (EventKind.BUS_BACK, EventKind.BUS_OFF_END):
-            self._change(now_ns, [cause], is_present=False)
 
     def all_came(self, now_ns: int) -> None:
         """Clear the faults that a cycle with all readings proves to be over."""

@@ -182,11 +182,6 @@ class BusMaster:
         self.alarms.step(now_ns, [event])
         self.wake_ns = 0
 
-    def other_bus_news(self, now_ns: int, event: Event) -> None:
-        """Report a fault of another bus of the arm."""
-        self.alarms.other_bus(now_ns, event)
-        self.wake_ns = 0
-
     def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
         """Send EMCY messages and reports that were discarded again when the bus takes frames."""
         if frames:

@@ -176,9 +176,6 @@ class Master(Core):
         elif (was_lost and not branch.is_lost) or event.kind is EventKind.SEND_QUEUE_FULL_END:
             self.publisher.repeat(event.bus)
             self.freshness.bus_is_back(now_ns, branch.patches)
-        for other in self.branches:
-            if other is not branch:
-                other.other_bus_news(now_ns, event)
 
     def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
         """Have pending reports sent again, when its bus takes frames again."""

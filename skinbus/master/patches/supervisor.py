@@ -134,17 +134,15 @@ class PatchMonitor:
         self._note_readings(now_ns, owing, fresh, np.ones_like(fresh))
         return self._taken()[1]
 
-    def _note_readings(
-        self, now_ns: int, owing: Mask, fresh: Mask, can_return: Mask
-    ) -> tuple[list[int], list[int]]:
+    def _note_readings(self, now_ns: int, owing: Mask, fresh: Mask, can_return: Mask) -> tuple[Mask, Mask]:
         silent, back = self.table.note_readings(owing, fresh, can_return)
-        self._report(now_ns, EventKind.READINGS_LOST, *silent)
-        self._report(now_ns, EventKind.PATCH_BACK, *back)
+        self._report(now_ns, EventKind.READINGS_LOST, silent)
+        self._report(now_ns, EventKind.PATCH_BACK, back)
         return silent, back
 
     def stop(self, now_ns: int, until_ns: int, doubled: Mask, late: Mask) -> tuple[list[Frame], list[Event]]:
         """Take patches (n_patches,) whose readings came twice, and those whose are missing or late."""
-        self._report(now_ns, EventKind.PATCH_DOUBLED, *np.flatnonzero(doubled).tolist())
+        self._report(now_ns, EventKind.PATCH_DOUBLED, doubled)
         return self._taken()
 
     def request(self, p: int | None, command: NmtCommand) -> AbortCode | None:
@@ -157,10 +155,11 @@ class PatchMonitor:
     def bus_is_back(self, now_ns: int) -> None:
         """They send again."""
 
-    def _report(self, now_ns: int, kind: EventKind, *patches: int, detail: str = "") -> None:
-        self._events += [
-            Event(t_ns=now_ns, kind=kind, node_id=self._plans[p].node_id, detail=detail) for p in patches
-        ]
+    def _report(self, now_ns: int, kind: EventKind, patches: int | Mask, detail: str = "") -> None:
+        """Report an event of one patch, or of all in a mask."""
+        for p in np.flatnonzero(patches) if isinstance(patches, np.ndarray) else (patches,):
+            node_id = self._plans[p].node_id
+            self._events.append(Event(t_ns=now_ns, kind=kind, node_id=node_id, detail=detail))
 
     def _taken(self) -> tuple[list[Frame], list[Event]]:
         """Return what is to be sent, and events, since the last call."""
@@ -300,7 +299,7 @@ class Supervisor(PatchMonitor):
                 before, (serial,) = int(self.table.serial[p]), result.serials
                 if before not in (0, serial):  # another board has its place since it ran last
                     detail = f"serial number {serial} in place of {before}"
-                    self._report(now_ns, EventKind.PATCH_REPLACED, p, detail=detail)
+                    self._report(now_ns, EventKind.PATCH_REPLACED, p, detail)
                 self.table.serial[p] = serial
 
     def readings(
@@ -312,12 +311,11 @@ class Supervisor(PatchMonitor):
         self._reset_at[silent] = now_ns + MUTE_NS
         self._is_lost[silent], self._is_lost[back] = True, False
         worse = bad_length != self._bad_length
-        if worse.any() or self._has_bad_length.any():
-            good = self._has_bad_length & fresh & (not worse.any())
-            self._bad_length[:] = bad_length
-            self._has_bad_length = self._has_bad_length & ~good | worse
-            self._report(now_ns, EventKind.PDO_LENGTH, *np.flatnonzero(worse).tolist())
-            self._report(now_ns, EventKind.PDO_LENGTH_END, *np.flatnonzero(good).tolist())
+        good = self._has_bad_length & fresh & ~worse
+        self._bad_length[:] = bad_length
+        self._has_bad_length = self._has_bad_length & ~good | worse
+        self._report(now_ns, EventKind.PDO_LENGTH, worse)
+        self._report(now_ns, EventKind.PDO_LENGTH_END, good)
         return self._taken()[1]
 
     def stop(self, now_ns: int, until_ns: int, doubled: Mask, late: Mask) -> tuple[list[Frame], list[Event]]:
@@ -369,7 +367,7 @@ class Supervisor(PatchMonitor):
             pause = f"restart {self.table.restarts[p]}, in {pause_s} s"
             detail = f"{detail}; {pause}" if detail else pause
         self._try_at[p] = max(now_ns + least_ns, int(self._not_before[p]))
-        self._report(now_ns, kind, p, detail=detail)
+        self._report(now_ns, kind, p, detail)
 
     def _back_off(self, now_ns: int, p: int) -> int:
         """Put off the next start of patch p, by more with each failure; return by how many seconds."""
@@ -405,7 +403,7 @@ class Supervisor(PatchMonitor):
             self._is_restored[p] = False
             self._ready.append(p)
             if result.n_written:
-                self._report(now_ns, EventKind.PATCH_CONFIGURED, p, detail=f"{result.n_written} objects")
+                self._report(now_ns, EventKind.PATCH_CONFIGURED, p, f"{result.n_written} objects")
         elif outcome in REFUSALS:
             self._refuse(now_ns, p, REFUSALS[outcome], result.reason)
         else:
@@ -415,7 +413,7 @@ class Supervisor(PatchMonitor):
                 self._command(p, NmtCommand.RESET_NODE)
                 return
             if self.table.state[p] != PatchState.ABSENT or not self._is_lost[p]:
-                self._report(now_ns, EventKind.PATCH_LOST, p, detail=result.reason)
+                self._report(now_ns, EventKind.PATCH_LOST, p, result.reason)
             self.table.enter(p, PatchState.ABSENT)
             self._is_lost[p] = True
 
@@ -426,7 +424,7 @@ class Supervisor(PatchMonitor):
         self._silence(p)
         if self.table.state[p] != PatchState.WRONG:
             self.table.enter(p, PatchState.WRONG)
-            self._report(now_ns, kind, p, detail=reason)
+            self._report(now_ns, kind, p, reason)
 
     def _start_patch(self, now_ns: int, p: int) -> None:
         self._silence(p)  # with the start it sends what has not changed, too
@@ -461,7 +459,7 @@ class Supervisor(PatchMonitor):
         self._try_at[lost] = now_ns + RETRY_NS  # it may have been unplugged: probe it
         self._reset_at[lost], self._is_lost[lost] = NEVER, True
         self.table.state[lost] = PatchState.SILENT
-        self._report(now_ns, EventKind.HEARTBEAT_LOST, *np.flatnonzero(lost).tolist())
+        self._report(now_ns, EventKind.HEARTBEAT_LOST, lost)
         unnamed = self._is_unnamed & self.table.is_running & (now_ns - self._started_at >= NAMED_NS)
         if unnamed.any() and not self._sessions:  # one at a time, when nothing else is asked
             p = int(unnamed.argmax())
@@ -482,4 +480,4 @@ class Supervisor(PatchMonitor):
             return
         self.table.error[p] = code
         kind = EventKind.PATCH_EMCY if code else EventKind.PATCH_EMCY_CLEARED
-        self._report(now_ns, kind, p, detail=cia.describe_emcy(code, data) if code else "")
+        self._report(now_ns, kind, p, cia.describe_emcy(code, data) if code else "")

@@ -81,7 +81,7 @@ class PatchTable:
             self.last_boot_up[p] = now_ns
         self.nmt[p] = state or cia.NmtState.PRE_OPERATIONAL
 
-    def note_readings(self, owing: Mask, fresh: Mask, can_return: Mask) -> tuple[list[int], list[int]]:
+    def note_readings(self, owing: Mask, fresh: Mask, can_return: Mask) -> tuple[Mask, Mask]:
         """Note who of those that owed readings has sent them; too many gaps in a row is silence.
 
         ``can_return`` (n_patches,) are no longer silent when they have sent theirs. Return the patches that
@@ -89,12 +89,10 @@ class PatchTable:
         """
         self.missed[fresh] = 0
         self.missed[owing & ~fresh] += 1
-        silent = np.flatnonzero((self.state == PatchState.OPERATIONAL) & (self.missed >= MAX_MISSED)).tolist()
-        back = np.flatnonzero(can_return & fresh & (self.state == PatchState.SILENT)).tolist()
-        for p in silent:
-            self.enter(p, PatchState.SILENT)
-        for p in back:
-            self.enter(p, PatchState.OPERATIONAL)
+        silent = (self.state == PatchState.OPERATIONAL) & (self.missed >= MAX_MISSED)
+        back = can_return & fresh & (self.state == PatchState.SILENT)
+        for p in np.flatnonzero(silent | back).tolist():
+            self.enter(p, PatchState.SILENT if silent[p] else PatchState.OPERATIONAL)
         return silent, back
 
     def count(self, state: PatchState) -> int:
