@@ -24,7 +24,7 @@ from skinbus.node.nmt import nmt_frame
 from skinbus.node.sync import MAX_COUNTER
 from skinbus.objects import cia
 from skinbus.objects.board import describe_patch
-from skinbus.objects.cia import EmcyCode, NmtCommand
+from skinbus.objects.cia import NmtCommand
 from skinbus.objects.pdo import PdoMap, carries_readings, readings_in, tpdos
 from skinbus.objects.profile import number_at
 
@@ -44,6 +44,7 @@ PRESSED = 3.0
 SYNC_PERIOD_NS = 20 * MS
 ANSWER_NS = 100 * MS
 """For what a node does at once: an EMCY, a change of state."""
+EMCY_LENGTH = 8
 STEP_NS = 30 * MS
 """For answers to a frame in a dialogue; shorter than the times in the table."""
 
@@ -232,12 +233,6 @@ def _write(index: int, sub: int, value: int, size: int) -> Request:
 SYNC = Frame(cia.SYNC_ID, b"")
 
 
-def _await(is_it: Callable[[Frame], bool], *send: Frame) -> Script[bytes]:
-    """Send frames; return the data of the frame that is waited for, nothing if it does not come."""
-    received: list[Frame] = yield Listen(ANSWER_NS, is_it, send)
-    return received[-1].data if received and is_it(received[-1]) else b""
-
-
 def _as_eds(patch: PatchCheck, places: Iterable[tuple[int, int]], *, zero_is_any: bool = False) -> Check:
     """Objects hold what the EDS says."""
     for index, sub in places:
@@ -408,11 +403,10 @@ def _same_as_sdo(patch: PatchCheck) -> Check:
     for _ in range(N_COMPARED):
         by_pdo.append((yield from _sync_values(patch)))
         by_sdo.append((yield from _counts(patch)))
-    sent, reads = np.array([own for own in by_pdo if own]), np.array(by_sdo)
-    noise = np.ptp(reads, axis=0)
+    reads, noise = np.median(by_sdo, axis=0), np.ptp(by_sdo, axis=0)
     noise = np.maximum(noise, np.median(noise))  # of a few reads of one tactel it may be small by chance
-    for sub, column in zip(subs, sent.T, strict=False):
-        seen, read = np.median(column), np.median(reads[:, sub - 1])
+    for sub, column in zip(subs, zip(*filter(None, by_pdo), strict=True), strict=False):
+        seen, read = np.median(column), reads[sub - 1]
         near = (4 << _spare_bits(patch)) + 2 * noise[sub - 1] + abs(read) / 10
         off = f"reading {sub} is {seen:g} by PDO and {read:g} by SDO"
         is_near = abs(seen - read) <= near
@@ -450,23 +444,6 @@ def _rests_in_band(patch: PatchCheck) -> Check:
         _need(abs(pressure) <= board.threshold, f"reading {sub} is {pressure:.0f} Pa untouched; {wanted}")
 
 
-def _emcy(patch: PatchCheck) -> Check:
-    """A SYNC of eight bytes is an error, and the next right one ends it."""
-    yield from patch.command(NmtCommand.PRE_OPERATIONAL)
-    for length, code in ((8, EmcyCode.SYNC_LENGTH), (0, EmcyCode.NO_ERROR)):
-        data = yield from _await(patch.sends(cia.EMCY_BASE), Frame(cia.SYNC_ID, bytes(length)))
-        after = f"after a SYNC of {length} bytes"
-        wrong = f"EMCY {data.hex() or 'none'} {after}; wanted 8 bytes with code 0x{code:04X}"
-        _need(data[:2] == code.to_bytes(2, "little") and len(data) == 8, wrong)
-        register: Reply = yield Request(cia.ERROR_REGISTER, 0)
-        shown = f"the error register is 0x{register.data.hex()} {after}"
-        _need(any(register.data) == bool(code), shown)
-        _need(data[2:3] == register.data, f"{shown}, and byte 2 of EMCY 0x{data[2]:02X}; send it there")
-        history: Reply = yield Request(cia.ERROR_HISTORY, cia.LAST_ERROR)
-        is_kept = not code or history.data[:2] == data[:2]
-        _need(is_kept, "the newest entry of the error history is not the error")
-
-
 def _lss(patch: PatchCheck) -> Check:
     """Selected by its identity, it answers with its node-ID, and no longer when it is let go."""
     yield from patch.command(NmtCommand.PRE_OPERATIONAL)
@@ -496,7 +473,6 @@ SCRIPTS: dict[str, Callable[[PatchCheck], Check]] = {
     "left-adjusted": _left_adjusted,
     "at rest": _rests_in_band,
     "pressed": _pressed,
-    "EMCY": _emcy,
     "LSS": _lss,
 }
 """Of rules without a dialogue."""
@@ -515,6 +491,8 @@ class Dialogue:
     def __init__(self, patch: PatchCheck) -> None:
         self.patch, self.node_id = patch, patch.node_id
         self.heard: list[Frame] = []
+        self.error = 0
+        """Error register in the newest EMCY."""
 
     def hold(self, steps: Sequence[str]) -> Check:
         """Go through the steps."""
@@ -525,6 +503,9 @@ class Dialogue:
 
     def _hear(self, *send: Frame, ns: int = STEP_NS) -> Script[None]:
         self.heard = yield Listen(ns, send=send)
+        for frame in filter(self.patch.sends(cia.EMCY_BASE), self.heard):
+            _need(len(frame.data) == EMCY_LENGTH, f"EMCY {frame.data.hex(' ')}; wanted {EMCY_LENGTH} bytes")
+            self.error = frame.data[2]
 
     def _take(self, verb: str, *words: str) -> Script[str]:
         """Take a step; return what was wrong, nothing if it went well."""
@@ -554,7 +535,7 @@ class Dialogue:
 
     def _frame(self, words: Sequence[str]) -> Frame:
         base, plus, _ = words[0].partition("+n")
-        data = bytes(self.node_id if word == "n" else int(word, 16) for word in words[1:])
+        data = bytes.fromhex("".join(words[1:]).replace("n", f"{self.node_id:02X}"))
         return Frame(int(base, 16) + self.node_id * bool(plus), data)
 
     def _compare(self, verb: str, wanted: Frame) -> str:
@@ -571,7 +552,7 @@ class Dialogue:
     def _transfer(self, verb: str, place: str, *words: str) -> Script[str]:
         """Read or write; an exclamation mark asks for an abort, by one of the codes after it if there are."""
         values, mark, codes = " ".join(words).partition("!")
-        data = bytes.fromhex(values.replace("=", ""))
+        data = bytes.fromhex(values.strip("=&").replace("r", f"{self.error:02X}"))
         reply: Reply = yield Request(*_place(place), None if verb == "read" else data)
         if mark and not reply.abort:
             return "was accepted"
@@ -579,6 +560,8 @@ class Dialogue:
         if reply.abort and (not mark or reply.is_silent or (wanted and reply.abort not in wanted)):
             return cia.describe_abort(reply.abort)
         is_so = mark or verb == "write" or reply.data.startswith(data)
+        if "&" in values:
+            is_so = any(a & b for a, b in zip(reply.data, data, strict=False))
         return "" if is_so else f"is {reply.data.hex(' ')}"
 
 
