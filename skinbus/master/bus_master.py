@@ -94,10 +94,6 @@ class BusMaster:
             self._cob_ids = device | self.supervisor.cob_ids | self._data_ids | Contest.cob_ids
         return self._cob_ids
 
-    def rests(self, now_ns: int) -> bool:
-        """Return whether there is nothing to do until frames arrive."""
-        return now_ns < self.wake_ns and not self.boots and not self._is_stopped
-
     @property
     def has_other_master(self) -> bool:
         """Whether another master sends SYNC."""

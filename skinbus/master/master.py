@@ -210,8 +210,7 @@ class Master(Core):
             or now_ns >= self._deadline
             or (self._follows and _has_sync(frames_of[0]))
         )
-        awake = [b for b in self.branches if is_over or frames_of[b.number] or not b.rests(now_ns)]
-        for branch in awake:
+        for branch in self.branches:
             if branch.supervise(now_ns, frames_of[branch.number]):
                 self.publisher.repeat(branch.number)  # clients may still hold what it published before
         self.freshness.started(now_ns, self.table)
@@ -221,9 +220,8 @@ class Master(Core):
             self._open(now_ns, self.table.is_running)
         sync: Frame | None = None
         for branch in self.branches:
-            if sync is not None or branch in awake:
-                branch.answer(now_ns, frames_of[branch.number], sync)
-            if self.n_buses > 1 and branch.number == 0:
+            branch.answer(now_ns, frames_of[branch.number], sync)
+            if branch.number == 0:
                 sync = next((frame for frame in branch.out if frame.can_id == cia.SYNC_ID), None)
         out, events = self._taken()
         wake_ns = min(branch.wake_ns for branch in self.branches)
@@ -256,8 +254,6 @@ class Master(Core):
         return out, events
 
     def _by_bus(self, frames: Sequence[Frame]) -> list[Sequence[Frame]]:
-        if self.n_buses == 1:
-            return [frames]
         return [[frame for frame in frames if frame.bus == k] for k in range(self.n_buses)]
 
     def _forget_contacts(self) -> None:
