@@ -69,8 +69,8 @@ class Freshness:
         self._has_stamps = overflow >= LEAST_OVERFLOW
         self._opened_ns = self._gap_ns = -LONGEST_NS
         self._is_quiet = True
-        # by patch: it had not answered all earlier SYNCs when the newest one came; frames came in the cycle
-        # before that answer no SYNC, as of a second board
+        # by patch: it had not answered all earlier SYNCs when the newest one came; frames of no SYNC,
+        # as of a second board, came in the cycle before, and in another one a second ago at most
         self.is_behind, self.is_doubled = np.zeros((2, n), np.bool_)
         self.is_late = np.zeros(n, np.bool_)
         """(n_patches,) patches that are to be stopped: they have not answered all SYNCs, most others have."""
@@ -189,11 +189,11 @@ class Freshness:
         self.is_behind = behind
         in_excess = answers.n_excess > 0
         self._is_babbled |= answers.n_frames > BABBLE * self._n_pdos
+        self.is_doubled = in_excess & self._was_doubled & ~self._is_babbled  # not by a single frame
         self._was_doubled |= in_excess
         self._unusable_ns[in_excess] = now_ns + np.where(self._is_babbled, STILL_NS, CALM_NS)[in_excess]
         self._was_doubled &= self._unusable_ns > now_ns
         self._is_babbled &= self._was_doubled
-        self.is_doubled = in_excess & ~self._is_babbled
         self._is_quiet = not (behind.any() or self._was_doubled.any())
 
     def _plan_gap(self, now_ns: int, answering: Mask) -> bool:
