@@ -32,10 +32,8 @@ def new_figure(
         return figure, figure.subplots(rows, columns, squeeze=False)
 
 
-def save(figure: Figure, folder: Path, name: str) -> Path:
-    """Write a figure as SVG into a folder; return the file."""
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"{name}.svg"
+def save(figure: Figure, file: Path) -> None:
+    """Write a figure as SVG."""
     for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
         if axis.get_scale() == "log":  # powers of ten alone would be too few on short axes
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -43,4 +41,3 @@ def save(figure: Figure, folder: Path, name: str) -> Path:
             axis.set_minor_formatter(NullFormatter())
     with mpl.rc_context(_STYLE):
         figure.savefig(file, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-    return file

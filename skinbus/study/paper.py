@@ -196,8 +196,8 @@ def cone_force(slope: float, radius: float) -> float:
 
 def make_all(
     folder: Path, *, trials: int, seed: int = 0, done: Callable[[int], None] = lambda n: None
-) -> list[Path]:
-    """Run the paper's experiments; return the tables (CSV) and figures (SVG) that are written.
+) -> None:
+    """Run the paper's experiments; write tables (CSV) and figures (SVG).
 
     Args:
         folder: of the files.
@@ -214,7 +214,6 @@ def make_all(
             results[sweep] += press(case, trials=trials, seed=seed)
             done(1)
     zones = [null_zone(EDGE / side) for side in PER_SIDE]
-    files = []
     for number, sweep, field, unit, label in (
         (7, "density", "pitch", 1e3, "pitch of the tactels (mm)"),
         (9, "force", "force", 1.0, "force (N)"),
@@ -231,7 +230,7 @@ def make_all(
                 axes.plot(x, y, dash, label=f"{level}, {n} touch{'es' * (n > 1)}", **style)
             axes.set(xscale="log", yscale="log", xlabel=label, ylabel=f"mean {title}")
             axes.legend(fontsize=7)
-            files.append(save(figure, folder, f"paper-fig{number + offset:02d}-{error}-error-{sweep}"))
+            save(figure, folder / f"paper-fig{number + offset:02d}-{error}-error-{sweep}.svg")
 
     figure, panels = new_figure(len(LEVELS), width=4.0)
     for axes, level in zip(panels[0], LEVELS, strict=True):
@@ -241,7 +240,7 @@ def make_all(
         axes.set(xscale="log", yscale="log", title=level, xlabel="force (N)", ylabel="drop-off rate (MPa/m)")
         axes.grid(visible=False)
     figure.colorbar(picture, ax=panels[0].tolist(), label="mean position error (mm)")
-    files.append(save(figure, folder, "paper-fig13-position-error-force-and-drop-off"))
+    save(figure, folder / "paper-fig13-position-error-force-and-drop-off.svg")
 
     figure, ((axes,),) = new_figure()
     pitch = [zone.pitch_mm for zone in zones]
@@ -256,21 +255,18 @@ def make_all(
     axes.set(xscale="log", yscale="log", xlabel="pitch of the tactels (mm)")
     axes.set(ylabel="least force that is registered (N)")
     axes.legend(fontsize=7)
-    files.append(save(figure, folder, "paper-null-zone"))
-    files.append(write_table(folder / "paper.csv", [row for rows in results.values() for row in rows]))
-    files.append(write_table(folder / "paper-null-zone.csv", zones))
-    return files
+    save(figure, folder / "paper-null-zone.svg")
+    write_table(folder / "paper.csv", [row for rows in results.values() for row in rows])
+    write_table(folder / "paper-null-zone.csv", zones)
 
 
-def write_table(file: Path, rows: Sequence[Any]) -> Path:
-    """Write rows of one dataclass as CSV, real numbers with 6 digits; return the file."""
-    file.parent.mkdir(parents=True, exist_ok=True)
+def write_table(file: Path, rows: Sequence[Any]) -> None:
+    """Write rows of one dataclass as CSV, real numbers with 6 digits."""
     with file.open("w", newline="") as out:
         writer = csv.writer(out)
         writer.writerow(asdict(rows[0]))
         for row in rows:
             writer.writerow(f"{v:.6g}" if isinstance(v, float) else v for v in asdict(row).values())
-    return file
 
 
 def _places(rng: np.random.Generator, n: int) -> Floats:

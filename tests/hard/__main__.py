@@ -66,7 +66,7 @@ def draw():
         axes.set(xscale="log" if family == "line" else "linear", yscale="log", xlabel=title)
         axes.set_ylabel("position, root mean square (mm)")
     panels[0][0].legend(fontsize=7)
-    save(figure, PAGE.parent / "figures", "hard-curves")
+    save(figure, PAGE.parent / "figures" / "hard-curves.svg")
 
 
 table, faults = rows()

@@ -91,4 +91,4 @@ def _draw(links: list[Coverage], file: Path) -> None:
             picture = axes.imshow(values, norm="log", aspect="equal", origin="lower", extent=extent)
             figure.colorbar(picture, ax=axes, label=name)
             axes.set(title=link.link, xlabel="a (mm)", ylabel="s (mm)")
-    save(figure, file.parent, file.stem)
+    save(figure, file)

@@ -67,7 +67,7 @@ def arm(arms: tuple[str, ...], folder: Path, trials: int) -> None:
     with progress(console, "points", len(loaded) * arm_study.N_POINTS) as done:
         for one in loaded:
             points += (own := arm_study.measure_arm(one, trials=trials, done=done))
-            save(arm_study.draw_arm(own), folder, f"accuracy-{one.name.replace(' ', '-')}")
+            save(arm_study.draw_arm(own), folder / f"accuracy-{one.name.replace(' ', '-')}.svg")
     write_table(folder / "accuracy.csv", points)
     console.table(arm_study.TITLES, arm_study.table(points))
     console.print(f"{len(points)} points in {folder}")
@@ -96,5 +96,5 @@ def paper(folder: Path, trials: int) -> None:
 
     console = Console()
     with progress(console, "the paper's figures", N_CELLS) as done:
-        files = make_all(folder, trials=trials, seed=0, done=done)
-    console.print(f"{len(files)} files in {folder}")
+        make_all(folder, trials=trials, seed=0, done=done)
+    console.print(f"figures and tables are in {folder}")
