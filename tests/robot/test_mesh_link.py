@@ -69,13 +69,9 @@ def test_distances_of_tactels_on_what_is_curved_in_two_directions_are_those_of_g
     around = surface.step * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
     for tactel in rng.choice(arm.n_tactels, 25, replace=False):
         here = surface.position(arm.tactel_s[tactel], arm.tactel_a[tactel])[0]
-        normal = slope(here)[0]
-        along = np.cross(normal, rng.standard_normal(3))
-        along /= np.linalg.norm(along)
-        across = np.cross(normal, along) / np.linalg.norm(normal)
         for length in (0.005, 0.01, 0.02, 0.03, 0.04):
-            angle = rng.uniform(0.0, 2.0 * np.pi)
-            there = shoot(slope, here, np.cos(angle) * along + np.sin(angle) * across, length)
+            along = np.cross(slope(here)[0], rng.standard_normal(3))
+            there = shoot(slope, here, along / np.linalg.norm(along), length)
             s, a, _ = surface.project(there[None])
             if not surface.contains(s + around[:, 0], a + around[:, 1]).all():
                 continue  # beside the chart

@@ -80,13 +80,11 @@ def hankel(d, *, tactel, indenter, poisson=0.48):
 
 
 @pytest.mark.parametrize(("tactel", "indenter"), [(0.0, 0.0), (TACTEL, 0.0), (TACTEL, 4e-3), (TACTEL, 15e-3)])
-def test_table_agrees_with_an_adaptive_hankel_integral_within_a_thousandth_of_the_peak(tactel, indenter):
+def test_table_agrees_with_an_adaptive_hankel_integral(tactel, indenter):
     solved = table(thickness=H, poisson=0.48, tactel_radius=tactel, indenter_radius=indenter, reach=80e-3)
     d = np.array([0.0, 0.3, 1.0, 2.5, 4.77, 7.0, 10.0, 14.14, 20.0, 33.3, 60.0, 79.0]) * 1e-3
     wanted = np.array([hankel(x, tactel=tactel, indenter=indenter) for x in d])
     seen = np.interp(d, STEP * np.arange(len(solved)), solved)
-    assert np.abs(seen - wanted).max() < 1e-3 * wanted[0]
-    # what it really reaches
     assert np.abs(seen - wanted).max() < 5e-5 * wanted[0]
 
 

@@ -39,24 +39,21 @@ def middles(n):
 
 
 def integrated(arm, indenter, place, *, thickness_mm, tactel, force=10.0):
-    """The same by the middles of small parts of the shape: the oracle."""
+    """The same by the middles of small parts of the shape, places as complex numbers: the oracle."""
     thickness = 1e-3 * thickness_mm
     radius = 0.5 * arm.patches[0].patch.diameter if tactel == "disc" else 0.0
     solved = np.arange(0.0, 14.0 * thickness + radius, 0.05 * thickness)
     k = CubicSpline(solved, profile(solved, thickness=thickness, poisson=0.48, tactel_radius=radius))
     if indenter.shape is Shape.EDGE:
-        u = indenter.length * (middles(2000) - 0.5)
-        v, share = np.zeros_like(u), np.ones_like(u)
+        parts = indenter.length * (middles(2000) - 0.5)
+        share = np.ones(2000)
     else:  # the paraboloid over the ellipse
         r, angle = np.meshgrid(middles(300), 2.0 * np.pi * middles(360))
-        u = 0.5 * indenter.length * (r * np.cos(angle)).ravel()
-        v = 0.5 * indenter.width * (r * np.sin(angle)).ravel()
+        parts = 0.5 * (r * (indenter.length * np.cos(angle) + 1j * indenter.width * np.sin(angle))).ravel()
         share = (r * (1.0 - r * r)).ravel()
     share = share / share.sum()
-    s0, a0, yaw = place
-    x = s0 + np.cos(yaw) * u - np.sin(yaw) * v
-    y = a0 + np.sin(yaw) * u + np.cos(yaw) * v
-    away = np.hypot(arm.tactel_s[:, None] - x, arm.tactel_a[:, None] - y)
+    s, a, yaw = place
+    away = np.abs((arm.tactel_s + 1j * arm.tactel_a)[:, None] - (s + 1j * a + np.exp(1j * yaw) * parts))
     return force * np.where(away < solved[-1], k(np.minimum(away, solved[-1])), 0.0) @ share
 
 
