@@ -173,9 +173,7 @@ class RobotFrames:
         jacobian = np.concatenate([move, angular], -1).swapaxes(1, 2)
         torques = np.einsum("nkx,nx->k", move, pushes)
 
-        is_unknown = contacts.covariance[:, 2, 2] <= 0.0  # at level kmeans
-        if is_unknown.any():
-            covariance[is_unknown] = np.nan
+        covariance[contacts.covariance[:, 2, 2] <= 0.0] = np.nan  # at level kmeans
         if not valid:
             for array in (points[:, 1:], normals[:, 1:], covariance[:, 1:], jacobian, q):
                 array[...] = np.nan

@@ -34,17 +34,26 @@ def stuff(bits):
     return written
 
 
+def binary(value, n):
+    """The n bits of a number."""
+    return f"{value:0{n}b}"
+
+
+def identifier_bits(frame):
+    """The start of a frame and its identifier; SRR and IDE are in the middle of an extended one."""
+    if frame.flags & EXTENDED:
+        bits = binary(frame.can_id, 29)
+        return "0" + bits[:11] + "11" + bits[11:]
+    return "0" + binary(frame.can_id, 11)
+
+
 def on_the_wire(frame):
     """All bits of a frame in their order."""
-    remote = "1" if frame.flags & RTR else "0"
-    length = f"{len(frame.data):04b}"
-    if frame.flags & EXTENDED:
-        identifier = f"{frame.can_id:029b}"
-        header = "0" + identifier[:11] + "11" + identifier[11:] + remote + "00" + length
-    else:
-        header = "0" + f"{frame.can_id:011b}" + remote + "0" + "0" + length
-    data = "" if frame.flags & RTR else "".join(f"{byte:08b}" for byte in frame.data)
-    return stuff(header + data + crc15(header + data)) + END
+    is_remote = bool(frame.flags & RTR)
+    written = identifier_bits(frame) + str(int(is_remote)) + "00" + binary(len(frame.data), 4)
+    if not is_remote:
+        written += "".join(binary(byte, 8) for byte in frame.data)
+    return stuff(written + crc15(written)) + END
 
 
 data_bytes = st.binary(max_size=8) | st.lists(st.sampled_from([0, 0xFF, 0x0F, 0x1F, 0xF8]), max_size=8).map(

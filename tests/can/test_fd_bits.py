@@ -9,21 +9,17 @@ from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.can.wire_bits import fault, fd_bits
 from tests.bus.cores import Talker
-from tests.can.test_classic_bits import stuff
+from tests.can.test_classic_bits import binary, identifier_bits, stuff
 
 BITRATE, DATA_BITRATE = 1_000_000, 5_000_000
 
 
 def on_the_wire(frame):
     """Bits before the switch and after the CRC delimiter; bits between."""
-    switch = "1" if frame.flags & BRS else "0"
-    if frame.flags & EXTENDED:
-        identifier = f"{frame.can_id:029b}"
-        header = "0" + identifier[:11] + "11" + identifier[11:] + "0" + "1" + "0" + switch
-    else:
-        header = "0" + f"{frame.can_id:011b}" + "0" + "0" + "1" + "0" + switch
-    code = LENGTHS.index(len(frame.data))
-    body = ("1" if frame.flags & ESI else "0") + f"{code:04b}" + "".join(f"{b:08b}" for b in frame.data)
+    ide = "" if frame.flags & EXTENDED else "0"
+    header = identifier_bits(frame) + "0" + ide + "10" + str(int(bool(frame.flags & BRS)))
+    body = str(int(bool(frame.flags & ESI))) + binary(LENGTHS.index(len(frame.data)), 4)
+    body += "".join(binary(byte, 8) for byte in frame.data)
     slow = stuff(header)
     fast = (stuff(header + body[:-1]) + body[-1])[len(slow) :]  # none after the very last bit
     check = "c" * (4 + (17 if len(frame.data) <= 16 else 21))  # stuff count and CRC

@@ -32,8 +32,8 @@ def frame_of(found, part, raw, unhealthy=(), faults=(), fill=0):
 class Double(Core):
     """All boards of a skin; each sends its readings every period, from its start on.
 
-    ``silent`` addresses send nothing. ``changes`` of an address take its frames and return what it sends
-    instead. ``twice`` are addresses that two boards have; one sends half a period after the other.
+    ``changes`` of an address take its frames and return what it sends instead. ``twice`` are addresses that
+    two boards have; one sends half a period after the other.
     """
 
     cob_ids = None
@@ -49,7 +49,7 @@ class Double(Core):
         self.starts = {address: found.commands(found.start, [address])[-1:] for address in self.tactels}
         self.running = {address for address, wanted in self.starts.items() if not wanted}
         self.heard = []
-        self.silent, self.twice, self.changes = set(), set(), {}
+        self.twice, self.changes = set(), {}
 
     def step(self, now_ns, frames):
         for frame in frames:
@@ -61,7 +61,7 @@ class Double(Core):
             if due_ns > now_ns:
                 continue
             self.due_ns[address] += self.period_ns // (2 if address in self.twice else 1)
-            if address in self.running and address not in self.silent:
+            if address in self.running:
                 out += self.frames_of(address, now_ns)
         return Step(out, (), min(self.due_ns.values()))
 

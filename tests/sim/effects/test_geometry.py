@@ -16,17 +16,18 @@ from skinbus.sim.layer import Geometry, Loads
 
 
 def displacements(geometry, arm):
-    """Return (ds, da, turn) of each patch, from its tactels on the development about its centre."""
+    """Return (ds, da, turn) of each patch, from its tactels on the development as complex numbers."""
     out = []
     for p, placed in enumerate(arm.patches):
         at, surface = arm.tactels_of(p), arm.links[placed.link].surface
-        before = np.stack(surface.develop(arm.tactel_s[at], arm.tactel_a[at], placed.a), -1) - [placed.s, 0.0]
-        after = np.stack(surface.develop(geometry.s[at], geometry.a[at], placed.a), -1) - [placed.s, 0.0]
-        shift = after.mean(axis=0) - before.mean(axis=0)
-        x, y = (before - before.mean(axis=0)).T, (after - after.mean(axis=0)).T
-        turn = np.arctan2((x[0] * y[1] - x[1] * y[0]).sum(), (x[0] * y[0] + x[1] * y[1]).sum())
-        assert_allclose(np.hypot(*x), np.hypot(*y), atol=1e-9)
-        out.append((*shift, turn))
+        before, after = (
+            [1.0, 1j] @ np.array(surface.develop(s[at], a[at], placed.a))
+            for s, a in ((arm.tactel_s, arm.tactel_a), (geometry.s, geometry.a))
+        )
+        shift = after.mean() - before.mean()
+        x, y = before - before.mean(), after - after.mean()
+        assert_allclose(np.abs(x), np.abs(y), atol=1e-9)
+        out.append((shift.real, shift.imag, np.angle(np.vdot(x, y))))
     return np.array(out)
 
 
