@@ -9,9 +9,10 @@ with the effective force f = F^e of ``model.law``. Both amplitudes are a power o
 the cone H = (3 f / pi)^(1/3) S^(2/3), so C = (3 / pi)^(1/3) S^(2/3) and r = e / 3; for a radial law C = 1, r
 = e.
 
-``laws`` has a row per law, with the columns below; ``tables`` (n_laws, points, 22) has for the step from a
-point to the next the coefficients of k in 1/m^2, a cubic, the misfit profile with its rise, and of four modes
-by size (``disc_shapes``) value, rise and the slopes at both ends. A new law is a row, and a branch of
+``laws`` has a row per law, with the columns of ``layout``; ``tables`` (n_laws, points, 24) has for the step
+from a point to the next four coefficients of k in 1/m^2, of four modes by size (``disc_shapes``), and of the
+misfit profile: value, rise and the slopes at both ends, of which k and the modes are cubics. A size u adds u
+minus that of the law, to the n-th power, times the n-th mode to k. A new law is a row, and a branch of
 :func:`pressure`.
 
 A board with a response also has a width of each tactel, which stretches distances, and a map of residuals,
@@ -31,6 +32,7 @@ from skinbus.estimate.kernels.layout import (
     CORE_PER,
     KIND,
     LAST,
+    LEFT,
     OWN_SIZE,
     PEAK,
     PER_STEP,
@@ -38,13 +40,11 @@ from skinbus.estimate.kernels.layout import (
     REACH,
     REACH_PER,
     SCALE,
+    SHAPED,
     SLOPE,
     Layout,
 )
 from skinbus.jit import inner_kernel
-
-LEFT, FIRST_MODE = 4, 6
-"""Columns of ``tables``."""
 
 
 @inner_kernel
@@ -67,7 +67,7 @@ def log_force_at(laws: Floats, tables: Floats, law: int, p: float, d: float) -> 
 
     Where the law has fallen below a twentieth of its peak it is that of this distance.
     """
-    unit, _, g = pressure(laws, tables, law, 1.0, d)
+    unit, _, g, _ = pressure(laws, tables, law, 1.0, d, laws[law, OWN_SIZE])
     return log_force_of(laws, law, max(p + g - unit, 1e-9) / max(g, CORE_PART * laws[law, PEAK]))
 
 
@@ -84,46 +84,30 @@ def core(laws: Floats, law: int, amplitude: float) -> float:
 
 
 @inner_kernel
-def pressure(laws: Floats, tables: Floats, law: int, amp: float, d: float) -> tuple[float, float, float]:
-    """Return p (Pa) at distance d, dp/dd, dp/dA; for distances within reach."""
+def pressure(
+    laws: Floats, tables: Floats, law: int, amp: float, d: float, u: float
+) -> tuple[float, float, float, float]:
+    """Return p (Pa) at distance d under a size u, dp/dd, dp/dA, dp/du; for distances within reach."""
     if laws[law, KIND] == CONE:
-        return amp - laws[law, SLOPE] * d, -laws[law, SLOPE], 1.0
+        return amp - laws[law, SLOPE] * d, -laws[law, SLOPE], 1.0, 0.0
     if not d <= laws[law, REACH]:
-        return 0.0, 0.0, 0.0
-    per_step = laws[law, PER_STEP]
-    x = d * per_step
-    i = int(min(x, laws[law, LAST]))
-    t = x - i
-    low, m0, quadratic, bend = tables[law, i, 0], tables[law, i, 1], tables[law, i, 2], tables[law, i, 3]
-    k = low + t * (m0 + t * (quadratic + t * bend))
-    slope = (m0 + t * (2.0 * quadratic + 3.0 * t * bend)) * per_step
-    return amp * k, amp * slope, k
-
-
-@inner_kernel
-def size_change(laws: Floats, tables: Floats, law: int, d: float, u: float) -> tuple[float, float, float]:
-    """Return what a size u adds to k (1/m^2) at distance d, and its slopes by d and u; 0 beyond the table."""
-    if not d < laws[law, REACH]:
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0
     per_step = laws[law, PER_STEP]
     x = d * per_step
     i = int(min(x, laws[law, LAST]))
     t = x - i
     u -= float(laws[law, OWN_SIZE])
-    low = m0 = rise = m1 = by_low = by_rise = 0.0
-    for mode in range(MODES - 1, -1, -1):
-        column = FIRST_MODE + 4 * mode
-        g, g_rise = tables[law, i, column], tables[law, i, column + 1]
-        low, rise = u * (low + g), u * (rise + g_rise)
-        m0, m1 = u * (m0 + tables[law, i, column + 2]), u * (m1 + tables[law, i, column + 3])
-        by_low, by_rise = u * by_low + (mode + 1) * g, u * by_rise + (mode + 1) * g_rise
+    low = rise = m0 = m1 = by_low = by_rise = 0.0
+    for mode in range(MODES if laws[law, SHAPED] != 0.0 else 0, -1, -1):
+        column = 4 * mode
+        by_low, by_rise = u * by_low + low, u * by_rise + rise
+        low, rise = u * low + tables[law, i, column], u * rise + tables[law, i, column + 1]
+        m0, m1 = u * m0 + tables[law, i, column + 2], u * m1 + tables[law, i, column + 3]
     bend = m0 + m1 - 2.0 * rise
     quadratic = rise - m0 - bend
-    return (
-        low + t * (m0 + t * (quadratic + t * bend)),
-        (m0 + t * (2.0 * quadratic + 3.0 * t * bend)) * per_step,
-        by_low + t * by_rise,
-    )
+    g = low + t * (m0 + t * (quadratic + t * bend))
+    slope = (m0 + t * (2.0 * quadratic + 3.0 * t * bend)) * per_step
+    return amp * g, amp * slope, g, amp * (by_low + t * by_rise)
 
 
 @inner_kernel
@@ -131,9 +115,9 @@ def misfit_at(laws: Floats, tables: Floats, law: int, d: float) -> float:
     """Return the standard deviation of what a law with a misfit profile leaves at distance d, 1/m^2."""
     x, last = d * laws[law, PER_STEP], laws[law, LAST] + 0.5
     if not x < last:  # the law ends, not what it does not explain
-        return float(tables[law, int(last), LEFT])
+        return float(tables[law, int(last), 4 * LEFT])
     i = int(x)
-    return float(tables[law, i, LEFT] + (x - i) * tables[law, i, LEFT + 1])
+    return float(tables[law, i, 4 * LEFT] + (x - i) * tables[law, i, 4 * LEFT + 1])
 
 
 @inner_kernel

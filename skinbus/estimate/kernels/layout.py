@@ -41,6 +41,8 @@ MISFIT, PROFILED, TYPICAL, UNSIZED, SHAPED, OWN_SIZE, PER_STEP, LAST, N_COLUMNS 
 """Relative misfit; whether there is a profile of it; log of a typical force, N; whether the law was
 measured without what presses; whether it has modes by size; the size it was measured with; 1 / step of its
 table; middle of the last step."""
+LEFT = MODES + 1
+"""Row of a table of a law that has what the law leaves; the first is k, those between are modes by size."""
 CORE_PART = 0.05
 """Part of its peak below which a radial law is a skirt. Contacts that share only skirts share some
 thousandths of their information: each is solved with the others held, and two sweeps settle all."""
@@ -75,7 +77,7 @@ class Layout(NamedTuple):
     board: Floats  # (n_patches, 4) cos and sin of yaw, half extents with half a seam, m
     link: Floats  # (n_links, 4) radius, taper, period, length
     law_par: Floats  # (n_laws, N_COLUMNS)
-    law_table: Floats  # (n_laws, points, 22) 1/m^2, see ``kernels.law``
+    law_table: Floats  # (n_laws, points, 24) 1/m^2, see ``kernels.law``
     map_value: Floats  # (n_maps, points, points) 1/m^2
     map_step: Floats  # (n_maps,) m
 
@@ -191,7 +193,7 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
     first = [patches[keys.index(key)] for key in order]
     points = max(2, *(len(getattr(p.law, "table", ())) for p in first))
     par = np.zeros((len(first), N_COLUMNS))
-    table = np.zeros((len(first), 3 + 2 * MODES, points))
+    table, slopes = np.zeros((2, len(first), LEFT + 1, points))
     for i, patch in enumerate(first):
         law = patch.law
         row = {POWER: law.exponent, MISFIT: law.misfit, TYPICAL: _log_typical(patch)}
@@ -205,20 +207,19 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
             row |= {KIND: RADIAL, SCALE: 1.0, PEAK: values[0], PER_STEP: 1.0 / step, LAST: n - 1.5}
             # a law of one point is one tactel's
             row |= {REACH: step * max(n - 1.0, 0.5), CORE: step * min(within, n - 1)}
-            modes = table[i, 3::2, :n]
+            table[i, 0, :n] = values
             if law.misfit_profile is not None:
-                table[i, 2, :n] = law.misfit_profile
-                modes[:], own_size = learned_shapes(law.step, values, 0.5 * patch.diameter)
+                table[i, LEFT, :n] = law.misfit_profile
+                table[i, 1:LEFT, :n], own_size = learned_shapes(law.step, values, 0.5 * patch.diameter)
                 row |= {MISFIT: 0.0, PROFILED: 1.0, SHAPED: 1.0, OWN_SIZE: own_size}
             elif law.misfit > 0.0:  # measured neither on its board nor with what presses it, and says so
-                modes[:] = disc_shapes(law.step, values, 0.5 * patch.diameter)
+                table[i, 1:LEFT, :n] = disc_shapes(law.step, values, 0.5 * patch.diameter)
                 row |= {UNSIZED: 1.0, SHAPED: 1.0}
-            table[i, 0, :n], table[i, 0, n:] = values, values[-1]
-            if n > 1:
-                table[i, 4::2, :n] = np.gradient(modes, axis=-1)
-                table[i, 1, 1:n] = np.gradient(values)[1:]
+            table[i, :, n:] = table[i, :, n - 1 : n]
+            if n > 1:  # even in the distance: the slopes at 0 are 0
+                slopes[i, :, 1:n] = np.gradient(table[i, :, :n], axis=-1)[:, 1:]
         par[i, list(row)] = list(row.values())
-    return par, _by_point(table), np.array([order.index(key) for key in keys], np.int64)
+    return par, _by_point(table, slopes), np.array([order.index(key) for key in keys], np.int64)
 
 
 def _log_typical(patch: Patch) -> float:
@@ -234,18 +235,14 @@ def _log_typical(patch: Patch) -> float:
     return math.log(max(float(patch.law.force(peak, 0.0)), 1e-20))
 
 
-def _by_point(rows: Floats) -> Floats:
-    """Return rows of (n_laws, rows, points) as what a kernel reads of one step, (n_laws, points, columns).
+def _by_point(table: Floats, slopes: Floats) -> Floats:
+    """Return (n_laws, rows, points) as what a kernel reads of one step, (n_laws, points, 4 rows).
 
-    The rows are k, its slope, the misfit profile, and each mode with its slope; the columns those of ``law``.
+    The columns of each row are its value, the rise to the next point, and the slopes at both.
     """
-    after = np.concatenate([rows[:, :, 1:], rows[:, :, -1:]], axis=2)
-    rise = after - rows
-    bend = rows[:, 1] + after[:, 1] - 2.0 * rise[:, 0]
-    columns = [rows[:, 0], rows[:, 1], rise[:, 0] - rows[:, 1] - bend, bend, rows[:, 2], rise[:, 2]]
-    for mode in range(3, rows.shape[1], 2):
-        columns += [rows[:, mode], rise[:, mode], rows[:, mode + 1], after[:, mode + 1]]
-    return np.stack(columns, axis=-1)
+    after, slopes_after = (np.concatenate([x[:, :, 1:], x[:, :, -1:]], axis=2) for x in (table, slopes))
+    columns = np.stack([table, after - table, slopes, slopes_after], axis=-1)
+    return np.moveaxis(columns, 1, 2).reshape(*table.shape[::2], -1)
 
 
 def _key(patch: Patch) -> tuple[object, ...]:

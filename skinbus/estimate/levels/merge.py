@@ -22,7 +22,7 @@ from skinbus.arrays import Floats
 from skinbus.estimate.kernels.board_places import keep_on_board
 from skinbus.estimate.kernels.geometry import develop, distance, surface_of, undevelop
 from skinbus.estimate.kernels.law import log_force_of, pressure
-from skinbus.estimate.kernels.layout import Layout
+from skinbus.estimate.kernels.layout import OWN_SIZE, Layout
 from skinbus.estimate.kernels.workspace import NO_VALUE, Work
 from skinbus.estimate.levels.kmeans import find_root, stands_out
 from skinbus.jit import inner_kernel, runtime_int
@@ -128,13 +128,14 @@ def describe(lay: Layout, w: Work, root: int, place: Floats) -> tuple[int, int, 
     # the amplitude by the sum over the tactels that share the law of the strongest (eq. 10)
     law = tactel_law[peak]
     laws, tables = lay.law_par, lay.law_table
-    foot = SPILL * pressure(laws, tables, law, 1.0, 0.0)[2]  # below it the law errs by its own value
+    size = laws[law, OWN_SIZE]
+    foot = SPILL * pressure(laws, tables, law, 1.0, 0.0, size)[2]  # below it the law errs by its own value
     top, bottom, floor = 0.0, 0.0, 0.0
     for t in range(n):
         i = member[t]
         if tactel_law[i] == law:
             d = distance(surface, place[0], place[1], tactel_s[i], tactel_a[i])
-            unit, _, g = pressure(laws, tables, law, 1.0, d)  # p = A g + h
+            unit, _, g, _ = pressure(laws, tables, law, 1.0, d, size)  # p = A g + h
             top += p[i] - (unit - g)
             bottom += g
             floor += foot

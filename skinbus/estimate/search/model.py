@@ -25,8 +25,8 @@ from typing import Final
 from skinbus.arrays import Floats
 from skinbus.estimate.budget import DONE
 from skinbus.estimate.kernels.geometry import distance, separation, surface_of
-from skinbus.estimate.kernels.law import amplitude, misfit_at, pressure, reach, residual_at, size_change
-from skinbus.estimate.kernels.layout import MISFIT, PEAK, PROFILED, SHAPED, UNSIZED, Layout
+from skinbus.estimate.kernels.law import amplitude, misfit_at, pressure, reach, residual_at
+from skinbus.estimate.kernels.layout import MISFIT, PEAK, PROFILED, UNSIZED, Layout
 from skinbus.estimate.kernels.workspace import SATURATED, Search, Work
 from skinbus.jit import inner_kernel
 from skinbus.model.bend import bend_at
@@ -76,11 +76,7 @@ def press(lay: Layout, q: Search, link: int, theta: Floats, c: int, to: Floats, 
         if d2 * own * own >= far * far:
             continue
         d = math.sqrt(d2)
-        p, p_d, p_amp = pressure(laws, tables, law, amp, d * own)
-        by_size = 0.0
-        if laws[law, SHAPED] != 0.0:
-            g, g_d, g_size = size_change(laws, tables, law, d * own, size)
-            p, p_d, p_amp, by_size = p + amp * g, p_d + amp * g_d, p_amp + g, amp * g_size
+        p, p_d, p_amp, by_size = pressure(laws, tables, law, amp, d * own, size)
         slope = own * p_d / d if d > 0.0 else 0.0
         p_s, p_a = slope * x + p_d * d * own_s, slope * y + p_d * d * own_a
         if is_mapped and lay.map_of[i] >= 0:

@@ -24,7 +24,7 @@ from typing import Final
 from skinbus.estimate.kernels.board_places import keep_on_board
 from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.law import amplitude, log_force_at, pressure
-from skinbus.estimate.kernels.layout import Layout
+from skinbus.estimate.kernels.layout import OWN_SIZE, Layout
 from skinbus.estimate.kernels.workspace import GROUP, KINDS, Search, Work
 from skinbus.estimate.search.evidence import RIVAL, TRY, consider, misfit, nearest_contact, prepare
 from skinbus.estimate.search.least_squares import copy_contact, copy_contacts
@@ -128,16 +128,16 @@ def propose_places(lay: Layout, q: Search, link: int, h: int) -> None:
     for c in range(q.h_count[h]):
         s, a, n_felt, home, nearest = q.h_theta[h, c, 0], q.h_theta[h, c, 1], 0, -1, math.inf
         law = lay.law[q.listed[0]]
-        amp = amplitude(laws, law, q.h_theta[h, c, 2])[0]
+        size, amp = laws[law, OWN_SIZE], amplitude(laws, law, q.h_theta[h, c, 2])[0]
         for t in range(q.n_listed[0]):
             i = q.listed[t]
             d = distance(surface, s, a, lay.s[i], lay.a[i])
-            n_felt += pressure(laws, tables, law, amp, d)[0] >= lay.threshold[i]
+            n_felt += pressure(laws, tables, law, amp, d, size)[0] >= lay.threshold[i]
             if d < nearest:
                 home, nearest = i, d
         if n_felt >= ENOUGH:
             continue
-        p = pressure(laws, tables, law, amp, nearest)[0]
+        p = pressure(laws, tables, law, amp, nearest, size)[0]
         outward = math.atan2(wrap(a - lay.a[home], surface.period), s - lay.s[home])
         for turn in range(DIRECTIONS):
             angle = outward + 2.0 * math.pi * (turn + 0.5) / DIRECTIONS
