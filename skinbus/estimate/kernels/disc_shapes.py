@@ -12,12 +12,13 @@ peak, for two sizes of tactels; between them, by the square of the radius, discs
 A law learned from presses is that of one u, and of one thickness of the layer, by which all lengths scale:
 those whose field is nearest to its table. Other sizes change it by the same modes about that u.
 
-Source: ``tests/estimate/kernels/test_disc_shapes.py`` makes the same modes from the layer of the simulator.
+The tables are in ``disc_shapes.csv``; they were made from the layer of the simulator.
 """
 
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -35,9 +36,6 @@ HALVES: Final = (5.8316e-3, 6.1055e-3)
 """m, half widths of the law of fingertips on the layer of 6 mm under them."""
 SMALL, USUAL = 0.18378, 0.60909
 """Squares of the tactel's radius in half widths."""
-FACTOR: Final = 1e-4
-"""Of the peak, the unit of the tables."""
-
 OWN_SIZES: Final = (-0.69, 1.05)
 """u of a law that was learned: discs of 1 to 27 mm, which the modes are made from."""
 LAYERS: Final = 0.1
@@ -48,24 +46,8 @@ LIKE: Final = 0.01
 POINTS_OF_LAW: Final = 8.0
 """Readings that a table is worth: at as many distances fields differ in their own ways."""
 
-# fmt: off
-SMALL_FINGERTIP: Final = FACTOR * np.array(
-    [9961, 9619, 8591, 6950, 4961, 3053, 1594, 703, 262, 86, 32, 22, 22, 20, 15, 7, 0])
-USUAL_FINGERTIP: Final = FACTOR * np.array(
-    [9961, 9546, 8398, 6767, 4961, 3265, 1892, 946, 407, 156, 62, 34, 27, 22, 16, 8, 0])
-SMALL_MODES: Final = FACTOR * np.array([
-    [-13804, -12453, -8847, -4210, -175, 2043, 2349, 1597, 754, 252, 52, -6, -17, -13, -7, -3, 0],
-    [8433, 6381, 1801, -2127, -3361, -2205, -337, 837, 1015, 657, 271, 58, -15, -25, -16, -7, 0],
-    [-1682, -277, 2029, 2221, 186, -1649, -1697, -586, 317, 514, 326, 129, 31, -1, -7, -4, 0],
-    [-336, -695, -994, -254, 942, 1229, 395, -537, -751, -397, -18, 132, 123, 72, 32, 10, 0],
-])
-USUAL_MODES: Final = FACTOR * np.array([
-    [-10246, -9234, -6653, -3520, -793, 964, 1619, 1433, 888, 398, 122, 16, -11, -12, -7, -3, 0],
-    [1923, 1478, 350, -893, -1562, -1334, -509, 294, 651, 572, 317, 109, 12, -14, -13, -6, 0],
-    [2577, 1985, 873, 193, -121, -491, -724, -517, -61, 243, 264, 152, 57, 13, 0, -2, 0],
-    [-1236, -797, 0, 386, 363, 275, 118, -152, -339, -283, -86, 58, 89, 61, 29, 9, 0],
-])
-# fmt: on
+FIELDS: Final = 1e-4 * np.loadtxt(Path(__file__).with_suffix(".csv"), delimiter=",").reshape(2, MODES + 1, -1)
+"""Field of a fingertip and modes, for both sizes of tactels."""
 
 
 def disc_shapes(step: float, table: Floats, radius: float) -> Floats:
@@ -78,9 +60,8 @@ def disc_shapes(step: float, table: Floats, radius: float) -> Floats:
         return np.zeros((MODES, len(table)))
     i = int(below[0])
     half = step * (i - 1 + float((table[i - 1] - 0.5 * table[0]) / (table[i - 1] - table[i])))
-    share = min(max(((radius / half) ** 2 - SMALL) / (USUAL - SMALL), 0.0), 1.0)
-    modes = SMALL_MODES + share * (USUAL_MODES - SMALL_MODES)
-    return np.asarray(table[0] * _read(modes, step * np.arange(len(table)) / half))
+    share = ((radius / half) ** 2 - SMALL) / (USUAL - SMALL)
+    return np.asarray(table[0] * _read(share, step * np.arange(len(table)) / half)[1:])
 
 
 def learned_shapes(step: float, table: Floats, radius: float) -> tuple[Floats, float]:
@@ -98,16 +79,14 @@ def learned_shapes(step: float, table: Floats, radius: float) -> tuple[Floats, f
         half = math.sqrt(
             max(HALVES[0] ** 2 + share * (HALVES[1] ** 2 - HALVES[0] ** 2), (0.5 * HALVES[0]) ** 2)
         )
-        share = min(max(share, 0.0), 1.0)
-        at = d / (scale * half)
-        modes = _read(SMALL_MODES + share * (USUAL_MODES - SMALL_MODES), at)
-        fields = _read(SMALL_FINGERTIP + share * (USUAL_FINGERTIP - SMALL_FINGERTIP), at) + powers @ modes
+        fingertip, *modes = _read(share, d / (scale * half))
+        fields = fingertip + powers @ modes
         peak = fields @ table / (fields**2).sum(axis=1)
         off = np.mean((peak[:, None] * fields - table) ** 2, axis=1) / (LIKE * table[0]) ** 2
         unlike = POINTS_OF_LAW * off + (log_scale / LAYERS) ** 2
         i = int(unlike.argmin())
         if unlike[i] < best:
-            best, found, own = float(unlike[i]), peak[i] * modes, float(sizes[i])
+            best, found, own = float(unlike[i]), peak[i] * np.array(modes), float(sizes[i])
     shifted = [
         sum(math.comb(n, m) * own ** (n - m) * found[n - 1] for n in range(m, MODES + 1))
         for m in range(1, MODES + 1)
@@ -115,8 +94,12 @@ def learned_shapes(step: float, table: Floats, radius: float) -> tuple[Floats, f
     return np.stack(shifted), own
 
 
-def _read(tables: Floats, at: npt.NDArray[Any]) -> Floats:
-    """Return tables (..., m) at distances (n,) in half widths, (..., n), by splines that are flat at 0."""
+def _read(share: float, at: npt.NDArray[Any]) -> Floats:
+    """Return field and modes (5, n) at distances (n,) in half widths, by splines that are flat at 0.
+
+    ``share`` is the way from the small tactels to the usual ones.
+    """
+    tables = FIELDS[0] + min(max(share, 0.0), 1.0) * (FIELDS[1] - FIELDS[0])
     last = SPACING * (tables.shape[-1] - 1)
     spline = CubicSpline(np.linspace(0.0, last, tables.shape[-1]), tables, axis=-1, bc_type="clamped")
     return np.asarray(spline(np.minimum(at, last)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
@@ -125,101 +125,34 @@ class Search(NamedTuple):
 def make_workspace(lay: Layout) -> Work:
     """Return zeroed buffers for an arm."""
     n, sizes = len(lay.s), np.diff(lay.patch_start)
-    c = int(np.minimum(sizes, PATCH_CLUSTERS).sum()) + SPARE
-
-    def ints(size: int) -> Ints:
-        return np.zeros(size, np.int64)
-
-    def flags(size: int) -> Bools:
-        return np.zeros(size, np.bool_)
-
-    return Work(
-        options=ints(3),
-        pressure=np.zeros(n),
-        valid=np.ones(n, np.bool_),
-        felt=np.zeros(n, np.int8),
-        p=np.zeros(n),
-        state=np.zeros(n, np.int8),
-        active=flags(n),
-        held=flags(n),
-        touched=flags(len(sizes)),
-        pressed=flags(len(sizes)),
-        offset=np.zeros(len(sizes)),
-        offset_variance=np.zeros(len(sizes)),
-        label=ints(n),
-        parent=ints(n),
-        order=ints(n),
-        sorted=np.zeros(n),
-        member=ints(n),
-        starts=ints(PATCH_CLUSTERS),
-        random=ints(1),
-        work=ints(5),
-        cluster_peak=ints(c),
-        cluster_x=np.zeros(c),
-        cluster_y=np.zeros(c),
-        cluster_root=ints(c),
-        border=np.zeros((16 * c, 2), np.int64),
-        first_of=ints(c),
-        next_of=ints(n),
-        n_contacts=ints(1),
-        link=ints(c),
-        place=np.zeros((c, 4)),
-        patch=ints(c),
-        n_tactels=ints(c),
-        level=ints(c),
-        quality=ints(c),
-        status=ints(c),
-        residual=np.zeros(c),
-        covariance=np.zeros((c, 3, 3)),
-        amplitude=np.zeros(c),
-        alive=flags(c),
-        group=ints(c),
-        again=flags(c),
-    )
+    m, c = len(sizes), int(np.minimum(sizes, PATCH_CLUSTERS).sum()) + SPARE
+    of_cycle = {"options": 3, "starts": PATCH_CLUSTERS, "random": 1, "work": 5, "n_contacts": 1}
+    of_patches = dict.fromkeys(("touched", "pressed", "offset", "offset_variance"), m)
+    of_tactels = dict.fromkeys(["pressure", "valid", "felt", "p", "state", "active", "held", "label"], n)
+    of_tactels |= dict.fromkeys(["parent", "order", "sorted", "member", "next_of"], n)
+    shapes = of_cycle | of_patches | of_tactels
+    tables = {"border": (16 * c, 2), "place": (c, 4), "covariance": (c, 3, 3)}
+    return Work(**_zeros(Work, dict.fromkeys(Work._fields, c) | shapes | tables))
 
 
 def make_search(lay: Layout) -> Search:
     """Return zeroed buffers for the groups of an arm."""
-    n, g, m, z = len(lay.s), GROUP, 4 * GROUP, np.zeros
-    return Search(
-        pitch=z(1),
-        dof=z(1, np.int64),
-        n_listed=z(1, np.int64),
-        listed=z(n, np.int64),
-        back=z(n),
-        variance=z(n),
-        tail=z(n),
-        jacobian=z((n, m)),
-        felt_by=z((n, g), np.int64),
-        n_felt_by=z(n, np.int64),
-        weight=z(n),
-        tailed=z(1, np.int64),
-        pull=z(n),
-        row=z(m),
-        normal=z((m, m)),
-        gradient=z(m),
-        factor=z((m, m)),
-        inverse=z((m, m)),
-        step=z(m),
-        theta=z((g, 4)),
-        trial=z((g, 4)),
-        kind=z(g, np.int64),
-        rows=z(g, np.int64),
-        kind_share=z(KINDS),
-        kind_mean=z(KINDS),
-        kind_sd=z(KINDS),
-        force_prior=z(2),
-        offsets=z(1, np.int64),
-        n_plans=z(1, np.int64),
-        plan=z((16 * (g + 1), 5), np.int64),
-        plan_theta=z((16 * (g + 1), 2, 4)),
-        n_hypotheses=z(1, np.int64),
-        h_theta=z((KEPT, g, 4)),
-        h_kind=z((KEPT, g), np.int64),
-        h_count=z(KEPT, np.int64),
-        h_score=z(KEPT),
-        h_chi2=z((KEPT, 2)),
-        h_covariance=z((KEPT, g, 4, 4)),
-        h_status=z(KEPT, np.int64),
-        h_done=z(KEPT, np.bool_),
-    )
+    n, g, m, h = len(lay.s), GROUP, 4 * GROUP, KEPT
+    plans = 16 * (g + 1)
+    of_group = dict.fromkeys(("pitch", "dof", "n_listed", "tailed", "offsets", "n_plans", "n_hypotheses"), 1)
+    of_tactels = dict.fromkeys(["listed", "back", "variance", "tail", "n_felt_by", "weight", "pull"], n)
+    of_unknowns = dict.fromkeys(("row", "gradient", "step"), m)
+    of_kinds = dict.fromkeys(("kind_share", "kind_mean", "kind_sd"), KINDS)
+    of_hypotheses = dict.fromkeys(("h_count", "h_score", "h_status", "h_done"), h)
+    tables = {"jacobian": (n, m), "felt_by": (n, g), "theta": (g, 4), "trial": (g, 4), "kind": g, "rows": g}
+    tables |= dict.fromkeys(("normal", "factor", "inverse"), (m, m))
+    tables |= {"force_prior": 2, "plan": (plans, 5), "plan_theta": (plans, 2, 4), "h_chi2": (h, 2)}
+    tables |= {"h_theta": (h, g, 4), "h_kind": (h, g), "h_covariance": (h, g, 4, 4)}
+    shapes = of_group | of_tactels | of_unknowns | of_kinds | of_hypotheses | tables
+    return Search(**_zeros(Search, shapes))
+
+
+def _zeros(of: type, shapes: dict[str, Any]) -> dict[str, Any]:
+    """Return an array of zeros for each field of a tuple, of the type that the field has."""
+    kinds = get_type_hints(of)
+    return {name: np.zeros(shape, get_args(get_args(kinds[name])[1])[0]) for name, shape in shapes.items()}
