@@ -22,6 +22,7 @@ from skinbus.estimate.kernels.workspace import KINDS, SATURATED, Search, Work
 from skinbus.estimate.levels.merge import EVIDENCE
 from skinbus.estimate.search.evidence import RIVAL, TIP, best_of, misfit, nearest_contact, settle
 from skinbus.estimate.search.least_squares import CONVERGED
+from skinbus.estimate.search.model import feels
 from skinbus.jit import inner_kernel
 
 REFUTED: Final = 0.2
@@ -127,12 +128,11 @@ def flag_contact(
     flags, n_felt, is_full, strongest, home = 0, 0, False, -1.0, q.listed[0]
     for t in range(q.n_listed[0]):
         i = q.listed[t]
-        for x in range(q.n_felt_by[t]):
-            if q.felt_by[t, x] == c:
-                n_felt += 1
-                is_full |= w.state[i] == SATURATED
-                if w.p[i] > strongest:
-                    home, strongest = i, w.p[i]
+        if feels(q, t, c):
+            n_felt += 1
+            is_full |= w.state[i] == SATURATED
+            if w.p[i] > strongest:
+                home, strongest = i, w.p[i]
     moment, few, law = w.covariance[to], FEW * q.pitch[0], lay.law[q.listed[0]]
     half, diff = 0.5 * (moment[0, 0] + moment[1, 1]), 0.5 * (moment[0, 0] - moment[1, 1])
     if n_felt < LEAST or half + math.sqrt(diff * diff + moment[1, 0] * moment[1, 0]) > few * few:

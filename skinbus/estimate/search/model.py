@@ -92,6 +92,15 @@ def press(lay: Layout, q: Search, link: int, theta: Floats, c: int, to: Floats, 
 
 
 @inner_kernel
+def feels(q: Search, t: int, c: int) -> bool:
+    """Return whether listed tactel t feels contact c of those pressed last."""
+    found = False
+    for x in range(q.n_felt_by[t]):
+        found |= q.felt_by[t, x] == c
+    return found
+
+
+@inner_kernel
 def weigh(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) -> None:
     """Write the variance of each listed reading beside k contacts ``theta``."""
     laws, surface, most, n = lay.law_par, surface_of(lay.link, link), 0.0, q.n_listed[0]

@@ -28,6 +28,7 @@ from skinbus.estimate.kernels.layout import OWN_SIZE, Layout
 from skinbus.estimate.kernels.workspace import GROUP, KINDS, Search, Work
 from skinbus.estimate.search.evidence import RIVAL, TRY, consider, misfit, nearest_contact, prepare
 from skinbus.estimate.search.least_squares import copy_contact, copy_contacts
+from skinbus.estimate.search.model import feels
 from skinbus.jit import inner_kernel
 
 FELT, ENOUGH = 3.0, 4
@@ -40,9 +41,8 @@ EVIDENT: Final = 16.0
 PER_CONTACT: Final = 5
 """Tactels for each contact of a group: three or four unknowns, and one to spare."""
 SPLITS: Final = (0.5, 1.0)
-"""Pitches from the middle at which a contact is divided into two."""
-BESIDE: Final = 3.0
-"""Pitches around a contact in which residuals say along which line it divides."""
+"""Pitches from the middle at which a contact is divided into two: with one of them alone, pairs on a board of
+the paper have errors a third larger."""
 
 
 @inner_kernel
@@ -193,7 +193,7 @@ def propose_more(lay: Layout, q: Search, link: int, h: int) -> None:
         for t in range(q.n_listed[0]):
             i, pull = q.listed[t], q.pull[t]
             x, y = lay.s[i] - s, wrap(lay.a[i] - a, surface.period)
-            if x * x + y * y < (BESIDE * pitch) ** 2 and q.weight[t] > 0.0:
+            if feels(q, t, c) and q.weight[t] > 0.0:
                 xx, xy, yy = xx + pull * x * x, xy + pull * x * y, yy + pull * y * y
                 chi2 += pull * pull * q.weight[t] - 1.0
         if chi2 <= 0.0 or c == gone:  # noise alone explains what is left
