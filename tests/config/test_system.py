@@ -1,5 +1,7 @@
 """Arms from files: the shipped ones fit their bus and their links; every fault of a wrong one is said."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -159,91 +161,104 @@ count = 3
 first_node_id = 1
 """
 
-# what is changed in a good file, and what is said of it; what stands between is left out: *
-WRONG = [
-    ("node_id = 1\n", "node_id = 11\n", "ring[1]#1.node_id: is 11; wanted another: patch[1] has it"),
+WRONG = """
+node_id = 1 => node_id = 11
+    -> ring[1]#1.node_id: is 11; wanted another: patch[1] has it
+s_mm = 30.0 => s_mm = 10.0
+    -> patch[1]: wanted a place where it does not stick out 15.0 mm beyond link 'tube'
+s_mm = 30.0 => s_mm = 60.0
+    -> patch[1] and ring[1]#1: is '10.0 mm of overlap'
+count = 6 => count = 8
+    -> ring[1]#1 and ring[1]#2: is '10.7 mm of overlap'
+radius_mm = 50.0 => radius_mm = 50.0 ; width_mm = 3.0
+    -> link[1].width_mm: is 3.0; wanted no such key
+radius_mm = 50.0 =>
+    -> link[1].radius_mm: wanted a value; it has no default
+s_mm = 30.0 => s_mm = 30.0 ; a_mm = 3.0
+    -> patch[1].a_mm: is 3.0; wanted no such key on a cylinder
+name = "test" => name = "test" ; rate_hz = 200.0
+    -> arm.rate_hz: is 200.0; wanted at most 130.3
+name = "test" => name = "test" ; rate_hz = 0.9
+    -> arm.rate_hz: is 0.9; wanted greater than or equal to 1
+name = "test" => name = "test" ; sync_counter = 1
+    -> arm.sync_counter: is 1; wanted 0, or 2 to 240
+name = "test" => name = "test" ; sync_counter = 241
+    -> arm.sync_counter: is 241; wanted less than or equal
+name = "test" => name = "test" ; sdo_timeout_ms = 0
+    -> arm.sdo_timeout_ms: is 0; wanted greater than
+name = "test" => name = "test" ; rate_hz = nan
+    -> arm.rate_hz: is nan; wanted a finite number
+s_mm = 30.0 => s_mm = 30.0 ; eds = "skin-pitch"
+    -> patch[1].eds skin-pitch EDS: wanted an EDS
+s_mm = 30.0 => s_mm = 30.0 ; eds = "no.eds"
+    -> patch[1].eds
+s_mm = 30.0 => s_mm = 30.0 ; eds = "skin-master"
+    -> patch[1].eds skin-master Board/Tactel count: wanted
+[[link]] ; name = "tube" => [[link]]
+    -> link[1].name: wanted a value
+node_id = 1 =>
+    -> patch[1].node_id: wanted a value
+node_id = 1 => node_id = true
+    -> patch[1].node_id: is True; wanted a whole number
+[[link]] => [[lnik]]
+    -> lnik: *did you mean 'link'?
+name = "test" => name = "test" ; canfd = true ; data_bitrate = 3_000_000
+    -> arm.data_bitrate: is 3000000; wanted 1000000,
+name = "test" => name = "test" ; canfd = "yes"
+    -> arm.canfd: is 'yes'; wanted true or false
+node_id = 1 => node_id = 1 ; bus = "left"
+    -> patch[1].bus: is 'left'; wanted no such key: there is no [[bus]]
+"""
+"""What is changed in a good file (; is the end of a line), and what is said of it; * is anything."""
+WRONG_BUSES = """
+bus = "left" =>
+    -> ring[2].bus: wanted the name of a bus: left, right
+bus = "left" => bus = "middle"
+    -> ring[2].bus: is 'middle'; wanted the name of a bus: left, right
+name = "right" => name = "left"
+    -> bus[2].name: is 'left'; wanted another: bus[1] has it
+bus = "right" => bus = "left"
+    -> ring[2]#1.node_id: is 1; wanted another: ring[1]#1 has it
+interface = "udp_multicast" => channel = "can0"
+    -> bus[2].channel: is 'can0'; wanted another: bus[1] has it
+bitrate = 500_000 => bitrate = 3
+    -> bus[1].bitrate: is 3; wanted 125000, 250000, 500000, 800000 or 1000000
+name = "left" => name = "a b"
+    -> bus[1].name: is 'a b'; wanted
+rate_hz = 20.0 => rate_hz = 200.0
+    -> arm.rate_hz: is 200.0; wanted at most *bus left would be
+"""
+
+
+def rows(text, table):
+    """Rows of a table: a good text, what is changed in it to what, and what is said."""
+    return [
+        (text, old.replace(" ; ", "\n"), new.strip().replace(" ; ", "\n"), said)
+        for old, new, said in re.findall(r"(.+) =>(.*)\n +-> (.+)", table)
+    ]
+
+
+MORE = [
     (
-        "s_mm = 30.0",
-        "s_mm = 10.0",
-        "patch[1]: wanted a place where it does not stick out 15.0 mm beyond link 'tube'",
-    ),
-    ("s_mm = 30.0", "s_mm = 60.0", "patch[1] and ring[1]#1: is '10.0 mm of overlap'"),
-    ("count = 6", "count = 8", "ring[1]#1 and ring[1]#2: is '10.7 mm of overlap'"),
-    ("radius_mm = 50.0", "radius_mm = 50.0\nwidth_mm = 3.0", "link[1].width_mm: is 3.0; wanted no such key"),
-    ("radius_mm = 50.0", "", "link[1].radius_mm: wanted a value; it has no default"),
-    ("s_mm = 30.0", "s_mm = 30.0\na_mm = 3.0", "patch[1].a_mm: is 3.0; wanted no such key on a cylinder"),
-    ('name = "test"', 'name = "test"\nrate_hz = 200.0', "arm.rate_hz: is 200.0; wanted at most 130.3"),
-    (
-        'name = "test"',
-        'name = "test"\nrate_hz = 0.9',
-        "arm.rate_hz: is 0.9; wanted greater than or equal to 1",
-    ),
-    ('name = "test"', 'name = "test"\nsync_counter = 1', "arm.sync_counter: is 1; wanted 0, or 2 to 240"),
-    (
-        'name = "test"',
-        'name = "test"\nsync_counter = 241',
-        "arm.sync_counter: is 241; wanted less than or equal",
-    ),
-    ('name = "test"', 'name = "test"\nsdo_timeout_ms = 0', "arm.sdo_timeout_ms: is 0; wanted greater than"),
-    ('name = "test"', 'name = "test"\nrate_hz = nan', "arm.rate_hz: is nan; wanted a finite number"),
-    ("s_mm = 30.0", 's_mm = 30.0\neds = "skin-pitch"', "patch[1].eds skin-pitch EDS: wanted an EDS"),
-    ("s_mm = 30.0", 's_mm = 30.0\neds = "no.eds"', "patch[1].eds"),
-    (
-        "s_mm = 30.0",
-        's_mm = 30.0\neds = "skin-master"',
-        "patch[1].eds skin-master Board/Tactel count: wanted",
-    ),
-    ('[[link]]\nname = "tube"', "[[link]]", "link[1].name: wanted a value"),
-    ("node_id = 1\n", "", "patch[1].node_id: wanted a value"),
-    ("node_id = 1\n", "node_id = true\n", "patch[1].node_id: is True; wanted a whole number"),
-    ("[[link]]", "[[lnik]]", "lnik: *did you mean 'link'?"),
-    ("[[patch]]", f"{LINK}[[patch]]", "link[2].name: is 'tube'; wanted another: link[1] has it"),
-    ("[[patch]]", f"{16 * LINK}[[patch]]", "link: is '17 tables'; wanted at most 16"),
-    (
+        GOOD,
         'surface = "cylinder"\nlength_mm = 200.0\nradius_mm = 50.0',
         'surface = "cone"\nlength_mm = 100\nradius_near_mm = 180\nradius_far_mm = 60',
         "link[1].length_mm: is 100; wanted more than 120, the change of radius",
     ),
     (
-        'name = "test"',
-        'name = "test"\ncanfd = true\ndata_bitrate = 3_000_000',
-        "arm.data_bitrate: is 3000000; wanted 1000000,",
-    ),
-    ('name = "test"', 'name = "test"\ncanfd = "yes"', "arm.canfd: is 'yes'; wanted true or false"),
-    (
-        "node_id = 1\n",
-        'node_id = 1\nbus = "left"\n',
-        "patch[1].bus: is 'left'; wanted no such key: there is no [[bus]]",
-    ),
-]
-WRONG_BUSES = [
-    ('bus = "left"\n', "", "ring[2].bus: wanted the name of a bus: left, right"),
-    ('bus = "left"', 'bus = "middle"', "ring[2].bus: is 'middle'; wanted the name of a bus: left, right"),
-    ('name = "right"', 'name = "left"', "bus[2].name: is 'left'; wanted another: bus[1] has it"),
-    ('bus = "right"', 'bus = "left"', "ring[2]#1.node_id: is 1; wanted another: ring[1]#1 has it"),
-    (
+        TWO_BUSES,
         'bus = "right"\nlink = "tube"\ns_mm = 30.0\ncount = 2\nfirst_node_id = 1',
         'bus = "left"\nlink = "tube"\ns_mm = 30.0\ncount = 2\nfirst_node_id = 4',
         "bus[2].name: is 'right'; wanted a bus with patches",
     ),
-    (
-        'interface = "udp_multicast"',
-        'channel = "can0"',
-        "bus[2].channel: is 'can0'; wanted another: bus[1] has it",
-    ),
-    (
-        "bitrate = 500_000",
-        "bitrate = 3",
-        "bus[1].bitrate: is 3; wanted 125000, 250000, 500000, 800000 or 1000000",
-    ),
-    ('name = "left"', 'name = "a b"', "bus[1].name: is 'a b'; wanted "),
-    ("rate_hz = 20.0", "rate_hz = 200.0", "arm.rate_hz: is 200.0; wanted at most *bus left would be"),
+    (GOOD, "[[patch]]", f"{LINK}[[patch]]", "link[2].name: is 'tube'; wanted another: link[1] has it"),
+    (GOOD, "[[patch]]", f"{16 * LINK}[[patch]]", "link: is '17 tables'; wanted at most 16"),
 ]
 
 
 @pytest.mark.parametrize(
     ("text", "old", "new", "said"),
-    [*((GOOD, *row) for row in WRONG), *((TWO_BUSES, *row) for row in WRONG_BUSES)],
+    [*rows(GOOD, WRONG), *rows(TWO_BUSES, WRONG_BUSES), *MORE],
     ids=lambda text: text.strip()[:40],
 )
 def test_wrong_file_is_refused_with_key_value_and_what_is_wanted(tmp_path, text, old, new, said):
