@@ -286,18 +286,18 @@ class SharedReader(_Mapped):
         self._slots = memory[first : first + SLOTS * slot.itemsize].view(slot)
         texts = memory[HEADER.itemsize : members_at].view(NAME).tolist()
         name, *names = (text.decode(errors="ignore") for text in (header["name"].item(), *texts))
-        members = memory[members_at : members_at + 16 * n_patches].view("<u4").reshape(-1, 4)
-        node_id, bus, link, tactels = members.T.astype(np.int64)
-        if (bus >= n_buses).any() or (link >= n_links).any() or tactels.sum() != n_tactels:
+        members = memory[members_at : members_at + 16 * n_patches].view("<u4").reshape(-1, 4).T
+        if (members[1] >= n_buses).any() or (members[2] >= n_links).any() or members[3].sum() != n_tactels:
             raise ValueError
+        node_id, bus, link, tactels = members.astype(np.int32)
         return SkinLayout(
             name,
             tuple(names[:n_links]),
             tuple(names[n_links:]),
-            node_id.astype(np.int32),
-            bus.astype(np.int32),
-            link.astype(np.int32),
-            tactels.astype(np.int32),
+            node_id,
+            bus,
+            link,
+            tactels,
             int(header["period_ns"]),
             geometry=int(header["geometry"]),
         )
