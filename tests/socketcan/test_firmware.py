@@ -8,6 +8,8 @@ from skinbus.cli.commands.board import command
 from tests.cli.patience import PATIENCE_S, until_in_time
 
 NODE = "5"
+OPTIONS = ("--store", "--syncs", "50", "--response-ms", "15")
+"""A busy machine answers SYNC late; on the virtual bus 5 ms are asked for."""
 
 
 def test_board_made_from_an_eds_passes_the_check(start, channel, tmp_path):
@@ -17,7 +19,7 @@ def test_board_made_from_an_eds_passes_the_check(start, channel, tmp_path):
 
     def check():
         with subprocess.Popen([board, channel, NODE, "1", tmp_path / "parameters.bin"]) as running:
-            process = start("board", "check", "-c", channel, "--node", NODE, "--store", "--syncs", "50")
+            process = start("board", "check", "-c", channel, "--node", NODE, *OPTIONS)
             said, _ = process.communicate(timeout=PATIENCE_S)
             running.kill()
         return process.returncode, said
