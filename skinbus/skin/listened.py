@@ -22,7 +22,7 @@ from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import BusError
 from skinbus.estimate import Baseline, Plausibility, TrackState
 from skinbus.master.level_control import split_flags
-from skinbus.master.patches.table import MAX_MISSED, PatchState
+from skinbus.master.patches.table import MAX_MISSED, Mask, PatchState
 from skinbus.model import Arm
 from skinbus.node.sdo_client import SdoClient
 from skinbus.objects import cia, profile
@@ -97,9 +97,10 @@ class ListenCore(Core):
         self._fresh_ns = np.zeros(arm.n_patches, np.int64)
         self._heard_ns = np.zeros(arm.n_patches, np.int64)
         self._emcy = np.zeros(arm.n_patches, np.uint32)
-        self._silent_ns = (MAX_MISSED + 1) * round(1e9 / arm.bus.rate_hz)
         ods = ods_of(arm)
         plan = ReadingsPlan(arm, ods)
+        self._silent_ns = np.full(arm.n_patches, (MAX_MISSED + 1) * round(1e9 / arm.bus.rate_hz))
+        np.maximum.at(self._silent_ns, plan.pdo_patch, plan.pause_ns * plan.free)
         self._data_ids = plan.cob_ids_on
         self.readings = ListenedReadings(arm, plan) if readings else None
         """What the patches send as pressures, where that was asked for."""
@@ -161,7 +162,7 @@ class ListenCore(Core):
         """Take the readings before a summary for those of its cycle."""
         if self.readings and self._listener.n_summaries > self._n_read:
             self._n_read = self._listener.n_summaries
-            self._heard = self.readings.end_cycle(now_ns)
+            self._heard = self.readings.end_cycle(now_ns, self._is_sending(now_ns))
 
     def _end_cycle(self, heard: Heard) -> None:
         """Hand a cycle on."""
@@ -213,14 +214,16 @@ class ListenCore(Core):
     def _patches(self, now_ns: int) -> Records:
         """Return the states of patches by what was received from them."""
         records = np.zeros(len(self._fresh_ns), PATCH)
-        is_sending = (self._fresh_ns > 0) & (now_ns - self._fresh_ns <= self._silent_ns)
         records["state"] = np.select(
-            [is_sending, self._fresh_ns > 0, self._heard_ns > 0],
+            [self._is_sending(now_ns), self._fresh_ns > 0, self._heard_ns > 0],
             [PatchState.OPERATIONAL, PatchState.SILENT, PatchState.BOOTING],
             PatchState.ABSENT,
         )
         records["last_fresh_ns"], records["emcy"] = self._fresh_ns, self._emcy
         return records
+
+    def _is_sending(self, now_ns: int) -> Mask:
+        return np.asarray((self._fresh_ns > 0) & (now_ns - self._fresh_ns <= self._silent_ns))
 
     def _request(self, now_ns: int, frames: Frames) -> list[Frame]:
         """Return what goes on of the transfers that the program asked for, one at a time."""
@@ -256,10 +259,13 @@ class ListenedReadings:
         """Take data frames."""
         self._plan.unpack(batch, self._counts, self._seen)
 
-    def end_cycle(self, t_ns: int) -> Readings:
-        """Return the readings since the last cycle; a patch of which a frame is missing has none."""
-        fresh = (self._seen == self._plan.expected) & (self._plan.expected != 0)
-        self._seen[:] = 0
+    def end_cycle(self, t_ns: int, is_sending: Mask) -> Readings:
+        """Return the readings since the last cycle; a patch of which a frame is missing has none.
+
+        What runs freely holds from cycle to cycle while the patch is one of those sending, (n_patches,).
+        """
+        fresh = (self._seen == self._plan.expected) & is_sending
+        self._seen &= np.where(is_sending, ~self._plan.on_sync, 0)
         pressures = (self._counts - self._plan.counts_offset) * self._scale
         self._plausibility.judge(pressures, t_ns, fresh, self._baseline)
         self._baseline.apply(pressures, t_ns, fresh)

@@ -5,7 +5,11 @@ import pytest
 
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.master import Master
+from skinbus.master.patches.table import PatchState
 from skinbus.sim import World, load_scene
+from skinbus.skin.cycle import SkinLayout
+from skinbus.skin.feed import Feed
+from skinbus.skin.listened import ListenCore
 
 MS = 1_000_000
 TOUCH_S = 1.0
@@ -168,3 +172,21 @@ def test_what_a_patch_sent_before_it_started_anew_is_not_used(tmp_path):
     cycles = rig.run_to(2.9)
     assert cycles[-1].fresh.tolist() == [True, True]
     assert not len(cycles[-1].contacts), "the press has ended meanwhile"
+
+
+def test_a_listener_shows_what_a_quiet_patch_has_sent_until_its_timer_has_run_out(tmp_path):
+    rig = Rig(tmp_path, by_events(800), by_events(800), rate_hz=5.0)
+    feed = Feed(SkinLayout.of(rig.scene.arm), "a test")
+    feed.now_ns = rig.wire.clock.now_ns
+    rig.wire.attach(ListenCore(rig.scene.arm, 127, feed, readings=True))
+    rig.run_to(1.9)
+    heard = feed.peek()
+    assert heard.readings.valid.all()
+    assert np.abs(heard.readings.pressures - rig.cycles[-1].pressures).max() < 50.0
+    assert heard.patch_records["state"].tolist() == [PatchState.OPERATIONAL] * 2
+    step = rig.world.devices[0].step
+    rig.world.devices[0].step = lambda now_ns, frames=(): step(now_ns, frames)._replace(frames=[])
+    rig.run_to(3.5)
+    heard = feed.peek()
+    assert heard.patch_records["state"].tolist() == [PatchState.SILENT, PatchState.OPERATIONAL]
+    assert heard.readings.valid.tolist() == [False] * 16 + [True] * 16

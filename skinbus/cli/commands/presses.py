@@ -17,11 +17,12 @@ from skinbus.cli.formatting import counted
 from skinbus.cli.options import INPUT, Range, file_option, log_channels_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_columns, write_presses
-from skinbus.config.system import load_arm
+from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import ConfigError, Fault
 from skinbus.estimate.calibration.recording import find_holds, find_offset, load_of, pose_signal
 from skinbus.estimate.calibration.table import Press, mean_and_noise
 from skinbus.model import Arm
+from skinbus.objects.readings import ReadingsPlan
 
 SLID: Final = 0.5e-3
 """m, that a tool may move within a hold; more is no press at a place."""
@@ -31,6 +32,8 @@ DOUBTFUL: Final = 0.4
 """Correlation below which clocks are not taken as joined: half of what a few good presses give."""
 FEWEST: Final = 10
 """Cycles of a recording."""
+HELD_S: Final = 0.02
+"""Where patches send on a change, what is read holds between cycles: it is looked at so often, s."""
 
 
 @click.command()
@@ -140,7 +143,11 @@ def _cycles(log: Path, arm: Arm, channels: tuple[str, ...]) -> tuple[Floats, Flo
         cycles = [(1e-9 * c.t_ns, np.where(c.readings.valid, c.readings.pressures, np.nan)) for c in skin]
     if len(cycles) < FEWEST:
         raise ConfigError(str(log), [Fault("file", counted(len(cycles), "cycle"), "a recording of presses")])
-    return np.array([t for t, _ in cycles]), np.array([pressures for _, pressures in cycles])
+    t, pressures = np.array([t for t, _ in cycles]), np.array([pressures for _, pressures in cycles])
+    if not ReadingsPlan(arm, ods_of(arm)).on_change.any():
+        return t, pressures
+    every = np.arange(t[0], t[-1], HELD_S)
+    return every, pressures[np.searchsorted(t, every, "right") - 1]
 
 
 def felt(arm: Arm, link: int, press: Press) -> Iterator[Press]:

@@ -11,7 +11,7 @@ PLACE_MM, FORCE = 0.1, 0.01
 """Errors of what the robot and the force sensor say: mm, and a part."""
 
 
-def make_field(folder, n, seed):
+def make_field(folder, n, seed, arm="pad", effects="[effect.noise]"):
     """Write field.log, robot.csv, xyz.csv; return begins, ends, s, a and forces of the presses."""
     rng = np.random.default_rng(seed)
     begin, lines, truth = 1.0, [], []
@@ -24,7 +24,7 @@ def make_field(folder, n, seed):
         )
         truth.append((begin, end, s, a, newton))
         begin = end + rng.uniform(0.3, 0.5)
-    head = f'[scene]\narm = "pad"\nduration_s = {begin + 0.3}\n[effect.noise]\n'
+    head = f'[scene]\narm = "{arm}"\nduration_s = {begin + 0.3}\n{effects}\n'
     (folder / "presses.toml").write_text(head + "".join(lines))
     rig = Rig(str(folder / "presses.toml"), level="kmeans")
     with CandumpWriter(folder / "field.log") as writer:

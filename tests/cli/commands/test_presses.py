@@ -11,6 +11,7 @@ from skinbus.config.system import load_arm
 from skinbus.estimate.calibration.table import Press
 from tests.cli.commands.pressed_field import make_field
 from tests.cli.invoke import refused, run
+from tests.master.test_free_running import by_events
 
 SEED = 20261125
 N = 6
@@ -23,8 +24,8 @@ def field(tmp_path_factory):
     return folder, make_field(folder, N, SEED)
 
 
-def presses(folder, *words, out="out.csv", how=run):
-    args = [folder / "field.log", "--arm", "pad", *words, "--out", folder / out]
+def presses(folder, *words, arm="pad", out="out.csv", how=run):
+    args = [folder / "field.log", "--arm", arm, *words, "--out", folder / out]
     return how("calibrate", "presses", *args)
 
 
@@ -49,6 +50,18 @@ def test_presses_are_joined_with_poses_and_forces_on_a_clock_of_their_own(field)
         assert row["force_n"] == pytest.approx(newton, rel=0.05)
     # what the scene has, for a calibration to give single readings their due
     assert np.mean([row["n1"] for row in rows]) == pytest.approx(200.0, rel=0.2)
+
+
+@pytest.mark.slow
+def test_presses_on_a_patch_that_sends_on_a_change_are_found_between_changes(tmp_path):
+    arm = tmp_path / "free.toml"
+    arm.write_text(
+        '[arm]\nname = "free"\nrate_hz = 5.0\n[[link]]\nname = "plate"\nsurface = "plane"\nlength_mm = 50.0\n'
+        f'width_mm = 50.0\n[[patch]]\nnode_id = 1\nlink = "plate"\ns_mm = 25.0\nset = {by_events(2000)}\n'
+    )
+    truth = make_field(tmp_path, N, SEED, "free.toml", effects="")
+    presses(tmp_path, "--poses", tmp_path / "robot.csv", arm=arm)
+    check_places(found_in(tmp_path), truth)
 
 
 @pytest.mark.slow
