@@ -192,16 +192,17 @@ class ReadingsPlan:
         if not len(rows):
             return result
         pdo, data = pdo[rows], batch.frames["data"][rows]
-        if answers is not None:
-            answer, older, excess = self._account(pdo, data, batch.t_ns[rows], answers)
-            self._write(pdo[older], data[older], counts, np.zeros_like(seen), None)
-            self._write(pdo[answer], data[answer], counts, seen, stamps)
-            if excess:
-                tactels, values = self._decode(pdo[excess], data[excess])
-                differs = (counts[tactels] != values).any(axis=1)
-                np.add.at(answers.n_excess, self.pdo_patch[pdo[excess]][differs], 1)
+        tactels, values = self._decode(pdo, data)
+        if answers is None:
+            counts[tactels] = values
         else:
-            self._write(pdo, data, counts, seen, stamps)
+            answer, excess = self._account(pdo, data, batch.t_ns[rows], answers)
+            is_known = np.isin(np.arange(len(pdo)), excess, invert=True)
+            counts[tactels[is_known]] = values[is_known]
+            differs = (counts[tactels] != values).any(axis=1) & ~is_known
+            np.add.at(answers.n_excess, self.pdo_patch[pdo[differs]], 1)
+            pdo, data = pdo[answer], data[answer]
+        self._mark(pdo, data, seen, stamps)
         return result
 
     def unpack_free(
@@ -220,7 +221,8 @@ class ReadingsPlan:
         data, free_ns[pdo] = batch.frames["data"][rows], batch.t_ns[rows]
         tactels, values = self._decode(pdo, data)
         change = np.abs(values - counts[tactels]) > self._delta[tactels]
-        self._write(pdo, data, counts, np.zeros_like(self.expected), stamps)
+        counts[tactels] = values
+        self._mark(pdo, data, np.zeros_like(self.expected), stamps)
         kept = np.flatnonzero(~is_free)
         batch.frames[: len(kept)], batch.t_ns[: len(kept)] = batch.frames[kept], batch.t_ns[kept]
         batch.n = len(kept)
@@ -235,10 +237,8 @@ class ReadingsPlan:
         pdo[(bus >= n_buses) | (can_id >= n_ids) | (frames["flags"] & NO_PLAIN != 0)] = -1
         return pdo, (pdo >= 0) & (frames["length"] != self._length[pdo])
 
-    def _write(self, pdo: Ints32, data: Bytes, counts: Ints32, seen: Ints32, stamps: Bytes | None) -> None:
-        """Write the readings and stamps of frames; of two frames of a PDO the later one counts."""
-        tactels, values = self._decode(pdo, data)
-        counts[tactels] = values
+    def _mark(self, pdo: Ints32, data: Bytes, seen: Ints32, stamps: Bytes | None) -> None:
+        """Mark the TPDOs of frames, and write their stamps; of two frames of a PDO the later one counts."""
         np.bitwise_or.at(seen, self.pdo_patch[pdo], self.pdo_bit[pdo])
         if stamps is not None and self.stamped.any():
             frame, column = np.nonzero(self.stamped[pdo])
@@ -256,10 +256,8 @@ class ReadingsPlan:
         words -= np.where(words >= self._above[pdo], span, 0)  # signed, with the top bit set
         return self._tactel[pdo], words
 
-    def _account(
-        self, pdo: Ints32, data: Bytes, t_ns: Ints, answers: Answers
-    ) -> tuple[list[int], list[int], list[int]]:
-        """Return which frames answer the newest SYNC, an earlier one, or none; keep the account."""
+    def _account(self, pdo: Ints32, data: Bytes, t_ns: Ints, answers: Answers) -> tuple[list[int], list[int]]:
+        """Return which frames answer the newest SYNC and which answer none; keep the account."""
         patch = self.pdo_patch[pdo]
         np.bitwise_or.at(answers.came, patch, self.pdo_bit[pdo])
         np.add.at(answers.n_frames, patch, 1)
@@ -268,17 +266,18 @@ class ReadingsPlan:
         if counter:
             at = self._stamp[pdo, 0]
             carried = np.where(at >= 0, data[np.arange(len(pdo)), at], 0).tolist()
-        due = answers.due.tolist()
-        answer, older, excess = list[int](), list[int](), list[int]()
+        due, answer, excess = answers.due.tolist(), [], []
         for k, (d, sampled_for) in enumerate(zip(pdo.tolist(), carried, strict=True)):
             if sampled_for and sampled_for != counter:
-                older.append(k)
                 continue
             left = min(due[d], 1) if sampled_for else due[d]
-            (answer if left == 1 else excess if left <= 0 else older).append(k)
+            if left == 1:
+                answer.append(k)
+            elif left <= 0:
+                excess.append(k)
             due[d] = left - (left > 0)
         answers.due[:] = due
-        return answer, older, excess
+        return answer, excess
 
 
 def _carriers(patch: int, od: ObjectDictionary) -> list[PdoMap]:
