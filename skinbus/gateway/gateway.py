@@ -11,7 +11,7 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import CobIds, Frame, Frames
 from skinbus.errors import ArgumentError
 from skinbus.gateway.frame_format import CommandTable, FrameFormat
-from skinbus.gateway.receiver import PATIENCE, Receiver
+from skinbus.gateway.receiver import Receiver
 from skinbus.model import Arm
 from skinbus.node import Device
 from skinbus.node.host import PatchHost
@@ -49,7 +49,7 @@ class Gateway(Core):
         ]
         self._host = PatchHost(devices, self._receiver.newest)
         self._faults = [""] * len(mine)
-        self._start_ns = self._judge_ns = self._report_ns = -1
+        self._start_ns = self._judge_ns = -1
 
     @property
     def n_buses(self) -> int:
@@ -81,8 +81,6 @@ class Gateway(Core):
                 self._receiver.take(frame)
         out: list[Frame] = []
         events: list[Event] = []
-        if self._report_ns < 0:  # boards need a while to start
-            self._report_ns = now_ns + PATIENCE * self._receiver.period_ns
         if now_ns >= self._judge_ns:
             self._judge_ns = now_ns + self._receiver.period_ns
             self._judge(now_ns, out, events)
@@ -99,11 +97,11 @@ class Gateway(Core):
         faults = self._receiver.faults
         columns = (self.node_ids, self.addresses, self._faults, faults)
         for node_id, address, before, fault in zip(*columns, strict=True):
-            if fault != before and now_ns >= self._report_ns:
+            if fault != before and self._host.is_on:  # boards need a while to start
                 kind = EventKind.READINGS_LOST if fault else EventKind.PATCH_BACK
                 detail = f"{address or 'the board'}: {fault or 'its readings are good again'}"
                 events.append(Event(t_ns=now_ns, kind=kind, node_id=node_id, detail=detail))
-        if now_ns >= self._report_ns:
+        if self._host.is_on:
             self._faults = faults
         if now_ns >= self._start_ns:
             self._start_ns = now_ns + START_AGAIN_NS

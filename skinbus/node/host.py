@@ -95,7 +95,8 @@ class PatchHost(Core):
         self._free: set[int] = set()
         self._scan_ns = NEVER
         self._cob_ids = frozenset({SYNC_ID})
-        self._is_on = False
+        self.is_on = False
+        """Whether the patches have power."""
         self._begun_ns = NEVER
         self.deaf: CobIds = frozenset()
         """Node-IDs of those that receive nothing now: their plug is pulled."""
@@ -114,12 +115,12 @@ class PatchHost(Core):
         """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
         out: list[Frame] = []
         events: list[Event] = []
-        if not self._is_on:
+        if not self.is_on:
             self._begun_ns = min(self._begun_ns, now_ns)
             have_begun = np.logical_or.reduceat(self._source(now_ns).healthy, self._ends - self._sizes)
             if not have_begun.all() and now_ns < self._begun_ns + START_NS:
                 return Step((), (), now_ns + SCAN_NS)
-            self._is_on = True
+            self.is_on = True
             for i, boot_s in enumerate(self._boot_s):
                 self.wake(i, now_ns + round(1e9 * boot_s))
             self._show(now_ns)
