@@ -1,10 +1,8 @@
 """Boards of skins that are not CANopen on one interface, their contacts on another."""
 
-import threading
-
 import pytest
 
-from skinbus.bus.loop import run_core
+from skinbus.bus.core_thread import CoreThread
 from skinbus.bus.socketcan import SocketCanBus
 from skinbus.gateway.frame_format import load_format
 from tests.gateway.doubles import Double, write_scene
@@ -23,25 +21,21 @@ end_s = 1000.0
 
 @pytest.fixture
 def double(tmp_path):
-    """Puts boards on a channel; they are gone after the test."""
-    stop = threading.Event()
+    """Puts boards on a channel, which do not wait for a CPU; they are gone after the test."""
     threads = []
 
     def put(name, addresses, columns, rows, channel):
         scene = write_scene(tmp_path, addresses, columns, rows, touches=PRESS)
+        file = tmp_path / "plate.toml"
+        file.write_text(file.read_text().replace("rate_hz = 50.0", "rate_hz = 10.0"))  # a slow CPU keeps pace
         core = Double(load_format(name), scene.arm, scene)
-        threads.append(
-            threading.Thread(
-                target=run_core, args=(core, lambda: SocketCanBus(channel)), kwargs={"stop": stop}
-            )
-        )
+        threads.append(CoreThread(core, lambda: SocketCanBus(channel), urgent=True))
         threads[-1].start()
-        return str(tmp_path / "plate.toml")
+        return str(file)
 
     yield put
-    stop.set()
     for thread in threads:
-        thread.join()
+        thread.stop()
 
 
 @pytest.mark.parametrize(

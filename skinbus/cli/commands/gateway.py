@@ -56,6 +56,7 @@ def command(
         places,
         final_frames=gateway.stop_frames,
         names=["CANopen", "skin"],
+        urgent=True,  # as boards are: a master that computes must not make their readings late
     )
     n = counted(len(gateway.node_ids), "patch")
     echo(f"{found.title}: {n} of {arm.name} from {shown(places[1:])} to {shown(places[:1])}; Ctrl-C stops")
