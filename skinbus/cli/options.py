@@ -54,18 +54,20 @@ class Where(NamedTuple):
         return part, self.places(*part.buses)[0]
 
 
+channels_option = click.option(
+    "-c",
+    "--channel",
+    "channels",
+    multiple=True,
+    help="Channel of the interface, or interface in a log: one for each bus in the order of the arm file, or "
+    "NAME=CHANNEL. By default that of the arm file; without one, for a single bus, can0 (239.74.163.2 with "
+    "udp_multicast), or the only one in the log.",
+)
 _BUS_OPTIONS = (
     click.option(
         "--interface", help="python-can interface: socketcan (default), virtual, udp_multicast, slcan, ..."
     ),
-    click.option(
-        "-c",
-        "--channel",
-        "channels",
-        multiple=True,
-        help="Channel of the interface: one for each bus in the order of the arm file, or NAME=CHANNEL. By "
-        "default that of the arm file; without one, can0 (239.74.163.2 with udp_multicast) for a single bus.",
-    ),
+    channels_option,
     click.option(
         "--bitrate",
         type=click.IntRange(10_000, 1_000_000),
@@ -104,16 +106,6 @@ def level_option(what: str = "Level of the estimator.") -> Callable[..., Any]:
     """Return --level."""
     choice = click.Choice(LEVELS)
     return click.option("--level", default=DEFAULT_LEVEL, show_default=True, type=choice, help=what)
-
-
-log_channels_option = click.option(
-    "-c",
-    "--channel",
-    "channels",
-    multiple=True,
-    help="Interface in the log: one for each bus in the order of the arm file, or NAME=CHANNEL. By default "
-    "what the arm file says, or the only one in the log.",
-)
 
 
 seconds_option = click.option(

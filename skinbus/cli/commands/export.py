@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from skinbus.cli.options import file_option, level_option, log_channels_option, zero_option
+from skinbus.cli.options import channels_option, file_option, level_option, zero_option
 from skinbus.cli.output import echo, extra_wanted, try_to_write, whole_file
 from skinbus.config.system import load_arm
 from skinbus.file_bytes import write_whole
@@ -24,7 +24,7 @@ KINDS: Final = (".mcap", ".parquet", ".dbc")
 @click.argument("log", required=False)
 @click.option("--arm", required=True, help="The arm that was recorded: a name or a TOML file.")
 @file_option("--out", required=True, help="File to write: .mcap, .parquet or .dbc.")
-@log_channels_option
+@channels_option
 @level_option()
 @zero_option
 def command(log: str | None, arm: str, out: Path, channels: tuple[str, ...], level: str, zero: bool) -> None:

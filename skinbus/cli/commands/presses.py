@@ -14,7 +14,7 @@ import skinbus
 from skinbus.arrays import Floats
 from skinbus.cli import output
 from skinbus.cli.formatting import counted
-from skinbus.cli.options import INPUT, Range, file_option, log_channels_option
+from skinbus.cli.options import INPUT, Range, channels_option, file_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_columns, write_presses
 from skinbus.config.system import load_arm, ods_of
@@ -48,7 +48,7 @@ HELD_S: Final = 0.02
 )
 @click.option("--weight-n", type=Range(min=0.0, min_open=True), help="Force of all presses, N.")
 @click.option("--link", "link_name", help="The link that is pressed; by default the only one.")
-@log_channels_option
+@channels_option
 @file_option(
     "--out", required=True, callback=output.writable, help="The CSV file that `skinbus calibrate` reads."
 )

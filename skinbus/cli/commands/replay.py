@@ -18,7 +18,7 @@ from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import NOT_FOR_PEOPLE
-from skinbus.cli.options import file_option, level_option, log_channels_option, zero_option
+from skinbus.cli.options import channels_option, file_option, level_option, zero_option
 from skinbus.cli.output import echo
 from skinbus.cli.recorded import CONTACT_COLUMNS, Recorded, values_of
 from skinbus.config.system import load_arm
@@ -31,7 +31,7 @@ TITLES: Final = ("contact", "link", "from s", "to s", "s mm", "a mm", "force N",
 @click.command()
 @click.argument("log", type=click.Path(dir_okay=False, allow_dash=True))
 @click.option("--arm", required=True, help="The arm that was recorded: a name or a TOML file.")
-@log_channels_option
+@channels_option
 @level_option()
 @zero_option
 @file_option(
