@@ -150,15 +150,6 @@ def test_long_gap_ends_every_track(film):
     assert tracks.state.tolist() == [LIFT, TOUCH]
 
 
-@pytest.mark.parametrize("period_ns", [1_000_000, 10_000_000, 100_000_000])
-def test_velocity_does_not_depend_on_the_rate(film, period_ns):
-    v = 0.1
-    for n in range(10**9 // period_ns + 1):
-        tracks = film.show((1, 0.1 + v * n * period_ns * 1e-9, 0.0), after_ns=period_ns)
-    assert tracks.identity.tolist() == [1]
-    assert tracks.mean[0, 2] == pytest.approx(v, rel=0.02)
-
-
 # --- Bad input -------------------------------------------------------------------------------------
 
 

@@ -48,19 +48,19 @@ def test_filter_is_the_textbook_filter(age_ms):
         assert tracks.covariance[0, 2, 0] == pytest.approx(P[4, 4], rel=1e-8)
 
 
-def play(rng_seed, n_cycles=30, order=None, shift=0.0, t0=0):
+def play(rng_seed, order=None):
     """Run three wandering contacts on the cylinder; return the columns that must not change."""
     rng = np.random.default_rng(rng_seed)
     tracker = Tracker(ARM)
     place = rng.uniform([0.05, -0.15, 1.0], [0.35, 0.15, 9.0], (3, 3))
     out = []
-    for n in range(n_cycles):
+    for n in range(30):
         place[:, :2] += rng.normal(size=(3, 2)) * 3e-3
         seen = rng.random(3) < 0.9
-        rows = [(0, s, float(SURFACES[0].wrap(a + shift)), f) for s, a, f in place[seen]]
+        rows = [(0, s, float(SURFACES[0].wrap(a)), f) for s, a, f in place[seen]]
         if order is not None:
             rows = [rows[i] for i in np.random.default_rng(order + n).permutation(len(rows))]
-        t = tracker.update(contacts(*rows), t0 + n * PERIOD_NS)
+        t = tracker.update(contacts(*rows), n * PERIOD_NS)
         out.append((t.identity, t.id, t.slot, t.state, t.mean, t.covariance))
     return out
 

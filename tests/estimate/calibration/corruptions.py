@@ -82,7 +82,7 @@ class PressedBoards:
                 columns = int(np.ceil(np.sqrt(each)))
                 steps = np.stack(np.divmod(np.arange(each), columns), -1) / (columns - 1)
                 at = low + steps * (high - low)
-            places.append(on_chart(arm.patches[p], at))
+            places.append(arm.on_link(p, at))
         (s, a), patch = np.concatenate(places, axis=1), np.repeat(np.arange(arm.n_patches), each)
         readings = read(np.column_stack([s, a, force]))
         for p in range(arm.n_patches):
@@ -107,7 +107,7 @@ class PressedBoards:
         for p, placed in enumerate(self.arm.patches):
             uv = np.asarray(placed.patch.tactels_uv)
             at = rng.uniform(uv.min(axis=0), uv.max(axis=0), (40, 2))
-            s, a = on_chart(placed, at)
+            s, a = self.arm.on_link(p, at)
             readings = self.read(np.column_stack([s, a, rng.uniform(4.0, 12.0, 40)])) * gain
             for k, row in enumerate(readings):
                 found = estimator.update(row, 1000 * p + k)
@@ -119,17 +119,11 @@ class PressedBoards:
         return float(np.quantile(off, 0.68))
 
 
-def on_chart(placed, uv):
-    """Return where points (n, 2) of a board are: s and a, m."""
-    cos, sin = np.cos(placed.yaw), np.sin(placed.yaw)
-    return np.array([[placed.s], [placed.a]]) + np.array([[cos, -sin], [sin, cos]]) @ uv.T
-
-
 def _chart(table, uv):
     s, a = np.zeros((2, len(table)))
-    for p, placed in enumerate(table.arm.patches):
+    for p in range(table.arm.n_patches):
         rows = table.patch == p
-        s[rows], a[rows] = on_chart(placed, uv[rows])
+        s[rows], a[rows] = table.arm.on_link(p, uv[rows])
     return replace(table, s=s, a=a)
 
 
