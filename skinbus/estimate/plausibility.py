@@ -10,7 +10,7 @@ Frozen:    not a bit changes, for a time in which it would have changed at the r
 Dead:      reads less than a tenth of the least that it should have felt in two touches in a row, in two
            places: every contact that explains its neighbours by the law of the board would press it. In each
            cycle of a touch one of the silent tactels is looked at
-Jumping:   it begins to read alone what no contact explains, five times in five seconds
+Jumping:   it begins to read alone what no contact explains, some five times in five seconds
 Band:      below its zero band, or its zero has left it (``Baseline``)
 
 Readings that come again bit by bit, although the noise of the tactel shows in others, are not those of a new
@@ -80,10 +80,8 @@ CRUSHED: Final = 0.5
 """Of full scale: a supply that fails comes from below it at once."""
 JUMP_SHARE: Final = 0.5
 """Of full scale: what comes there by more, and alone, is stuck."""
-JUMPS, JUMPS_S = 5.0, 5.0
+JUMPS, JUMPS_S = 4.0, 5.0
 """So many within so long, s: a bit error now and then is not a fault of the tactel."""
-MOST_JUMPS: Final = 7.0
-"""Jumps that are counted: a tactel that has ceased to jump is plausible four seconds later."""
 JUMP_SIGMAS: Final = 12.0
 """A jump, in standard deviations of noise, and at least the touch threshold: twice what is a touch."""
 UNMOVED: Final = 2.5
@@ -117,7 +115,7 @@ counts twice: a pressed reading may lie in the middle of a step, where it change
 REACH, NEXT = 2.3, 1.5
 """Pitches within which tactels of a board are neighbours: two steps on a square, but for the corners; and
 within which they are next to each other."""
-PLACES, SPAN = 21, 1.75
+PLACES, SPAN = 17, 1.75
 """Places of a contact that are tried along each axis, and how far they reach, in pitches. Any contact that is
 felt beside a tactel, but not by it, is among them, and a reading changes by no more than the law's error from
 one to the next."""
@@ -392,11 +390,10 @@ def _rail(skin: _Skin, b: Any, t: Any, dt: float) -> int:
         is_lone = (is_at_top and t.lone_n >= RAIL_READINGS) or _is_alone(skin, b, t)
     t.lone_n = t.lone_n + 1 if is_lone else 0
     t.jumps -= t.jumps * min(dt / JUMPS_S, 1.0)
-    if is_lone and before == 0:
-        t.jumps = min(t.jumps + 1.0, MOST_JUMPS)
+    t.jumps += is_lone and before == 0
     t.rail_n = t.rail_n + 1 if is_lone or t.value <= t.low or b.is_full else 0
     bad = RAIL if t.rail_n >= RAIL_READINGS and t.rail_n * dt >= RAIL_S else 0
-    return bad | JUMPING if t.jumps >= JUMPS - 1.0 else bad
+    return bad | JUMPING if t.jumps >= JUMPS else bad
 
 
 @inner_kernel

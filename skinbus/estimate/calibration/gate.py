@@ -156,11 +156,8 @@ def judge(table: PressTable) -> Judgement:
         more = _astray(table, errors)
         if more.any() and out.sum() <= MAX_OUTLIERS * n:
             out, errors = out | more, None  # what was learned with outliers hides some
-    faults, notes, outliers = (
-        list(map(GateFinding, said)),
-        list(map(GateFinding, unknown)),
-        np.flatnonzero(out),
-    )
+    faults, notes = [GateFinding(one) for one in said], [GateFinding(one) for one in unknown]
+    outliers = np.flatnonzero(out)
     if errors is not None:
         if len(outliers):
             many = len(outliers) > MAX_OUTLIERS * n
