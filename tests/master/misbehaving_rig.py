@@ -71,7 +71,7 @@ class Foreign(Core):
 class MisbehavingRig:
     """A master, such patches, and what was used of them in each cycle."""
 
-    def __init__(self, scene_name, **settings):
+    def __init__(self, scene_name):
         scene = load_scene(scene_name)
         self.arm = scene.arm
         self.patches = Misbehaving(World(scene))
@@ -79,7 +79,7 @@ class MisbehavingRig:
         self.cycles = []
         """Time of each cycle (ns), which patches were fresh (n_patches,), and latency (ns)."""
         self.violations = []
-        self.master = Master(self.arm, on_cycle=self._check, **settings)
+        self.master = Master(self.arm, level="kmeans", on_cycle=self._check)  # contacts are not looked at
         self.period_ns = self.master.period_ns
         self.wire = VirtualBus(self.arm.bus.bitrate)
         self.wire.attach(self.patches)

@@ -9,9 +9,9 @@ from tests.master.misbehaving_rig import MS, Foreign, MisbehavingRig
 SEED = 7
 
 
-def booted(scene, **settings):
-    rig = MisbehavingRig(scene, **settings)
-    rig.run(3000)
+def booted(scene):
+    rig = MisbehavingRig(scene)
+    rig.run(1300)
     assert rig.run(200).all()
     return rig
 
@@ -39,7 +39,7 @@ def test_patch_that_never_answers_in_full_costs_the_others_no_latency():
 
     def p50_ms():
         n = len(rig.cycles)
-        share = rig.run(4000)
+        share = rig.run(2000)
         return np.median([latency for _, _, latency in rig.cycles[n:]]) / MS, share
 
     before, _ = p50_ms()

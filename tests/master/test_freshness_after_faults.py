@@ -15,7 +15,7 @@ BACK_MS = 1000
 
 def booted(scene="pad"):
     rig = MisbehavingRig(scene)
-    rig.run(2500)
+    rig.run(1300)
     assert rig.run(200).all()
     return rig
 

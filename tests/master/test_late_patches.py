@@ -21,7 +21,7 @@ def rig(tmp_path):
     (tmp_path / "arm.toml").write_text(LINK + "".join(PATCH.format(k, 60 * k - 30) for k in (1, 2, 3)))
     (tmp_path / "scene.toml").write_text(SCENE)
     rig = MisbehavingRig(tmp_path / "scene.toml")
-    rig.run(3000)
+    rig.run(1300)
     assert rig.run(200).all()
     return rig
 

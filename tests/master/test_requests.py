@@ -19,7 +19,7 @@ COMMANDS = {RESET_NODE: NmtCommand.RESET_NODE, RESET_COMMUNICATION: NmtCommand.R
 @pytest.fixture(scope="module")
 def running():
     """A forearm that has run for half a second; tests leave it as they found it."""
-    rig = Rig("forearm")
+    rig = Rig("forearm", level="kmeans")
     rig.run(500)
     return rig
 

@@ -41,8 +41,8 @@ def converse(identity, answers, configuration=NOTHING, *, restored=False):
         reply = answers.get((request.index, request.sub), cia.AbortCode.NO_OBJECT)
         is_abort = isinstance(reply, cia.AbortCode)
         data = b"" if is_abort or request.data is not None else reply.to_bytes(4, "little")
-        try:
-            request = script.send(Reply(data, reply if is_abort else 0))
+        try:  # a plain number: looked for in a range, an enum member counts up to itself
+            request = script.send(Reply(data, int(reply) if is_abort else 0))
         except StopIteration as end:
             return asked, end.value
 

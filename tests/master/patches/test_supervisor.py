@@ -14,7 +14,7 @@ from tests.master.rig import MS, Rig
 @pytest.fixture
 def arm():
     """The forearm, running for half a second."""
-    rig = Rig("forearm")
+    rig = Rig("forearm", level="kmeans")
     rig.run(500)
     return rig
 
@@ -80,7 +80,7 @@ def two_boards(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("when", [pytest.param("before", marks=pytest.mark.slow), "during"])
 def test_patch_with_another_serial_number_is_6300_wrong_and_never_started(tmp_path, when):
-    rig = Rig(two_boards(tmp_path))
+    rig = Rig(two_boards(tmp_path), level="kmeans")
     device = rig.device(NODE)
 
     def swap(serial):
@@ -112,7 +112,7 @@ def test_patch_with_another_serial_number_is_6300_wrong_and_never_started(tmp_pa
 
 
 def test_readings_of_a_wrong_board_that_somebody_starts_make_no_contacts_and_it_is_stopped(tmp_path):
-    rig = Rig(two_boards(tmp_path))
+    rig = Rig(two_boards(tmp_path), level="kmeans")
     device = rig.device(NODE)
     device.set(cia.IDENTITY, cia.IDENTITY_SERIAL, 77)
     rig.run(2000)
