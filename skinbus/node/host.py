@@ -38,7 +38,7 @@ SCAN_NS = 1_000_000
 """From one look at the readings of patches that run freely to the next."""
 
 START_NS = 500_000_000
-"""For so long patches are not there until each has a reading: one that has none yet has not failed."""
+"""For so long patches are not there until all tactels have readings: one that has none yet has not failed."""
 
 Source = Callable[[int], Sample]
 """Return the newest sample at a time (ns), without waiting; it is asked at each SYNC.
@@ -117,8 +117,7 @@ class PatchHost(Core):
         events: list[Event] = []
         if not self.is_on:
             self._begun_ns = min(self._begun_ns, now_ns)
-            have_begun = np.logical_or.reduceat(self._source(now_ns).healthy, self._ends - self._sizes)
-            if not have_begun.all() and now_ns < self._begun_ns + START_NS:
+            if now_ns < self._begun_ns + START_NS and not self._source(now_ns).healthy.all():
                 return Step((), (), now_ns + SCAN_NS)
             self.is_on = True
             for i, boot_s in enumerate(self._boot_s):
@@ -129,7 +128,7 @@ class PatchHost(Core):
                 self._show(now_ns)
             frame_id = frame.can_id | REMOTE_ID if frame.flags == RTR else frame.can_id
             for i in self._listeners.get(frame_id, ()):
-                if not self.deaf or self.devices[i].node_id not in self.deaf:
+                if self.devices[i].node_id not in self.deaf:
                     self._step(i, now_ns, (frame,), out, events)
         if now_ns >= self._scan_ns:
             self._scan_ns = now_ns + SCAN_NS
