@@ -24,20 +24,20 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Self
+from typing import Any, Self
 
 from skinbus.printable import printable, shown_value
 
-MAX_FAULTS: Final = 100
+MAX_FAULTS = 100
 """Faults of all kinds together that are listed: four screens."""
 
-MAX_ALIKE: Final = 10
+MAX_ALIKE = 10
 """Faults of one kind that are listed for a file: a thousand of them need no list."""
 
-MAX_WANTED: Final = 1000
+MAX_WANTED = 1000
 """Characters of what was wanted: lists of ours have a third of it, names in a file any length."""
 
-_NO_NUMBERS: Final = str.maketrans("", "", "0123456789ABCDEF")
+_NO_NUMBERS = str.maketrans("", "", "0123456789ABCDEF")
 
 
 class SkinbusError(Exception):

@@ -7,12 +7,12 @@ clear or forge what an operator reads.
 from __future__ import annotations
 
 import reprlib
-from typing import Any, Final
+from typing import Any
 
-MAX_TEXT: Final = 200
+MAX_TEXT = 200
 """Characters of one text from outside that are shown: two lines of a terminal."""
 
-_MAX_INTEGER_BITS: Final = 256
+_MAX_INTEGER_BITS = 256
 """Longer integers are named by their length: Python refuses to print those of more than 4300 digits."""
 
 
@@ -44,7 +44,7 @@ class _Values(reprlib.Repr):
         return super().repr_int(x, level)
 
 
-_VALUES: Final = _Values()
+_VALUES = _Values()
 _VALUES.maxlevel, _VALUES.maxdict, _VALUES.maxlist, _VALUES.maxtuple = 3, 4, 6, 6
 _VALUES.maxstring = _VALUES.maxother = MAX_TEXT
 _VALUES.maxlong = 80

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
-from typing import Any, Final
+from typing import Any
 
 from rich.console import Console as RichConsole
 from rich.console import ConsoleOptions, RenderableType
@@ -15,7 +15,7 @@ from rich.text import Text
 from skinbus.cli.output import forget_output
 from skinbus.printable import layout
 
-WIDE: Final = 1000
+WIDE = 1000
 """Characters of a line in a pipe or file: nothing there has an edge at which a table would have to be cut."""
 
 

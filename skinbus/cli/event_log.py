@@ -6,20 +6,20 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
 from skinbus.can.event import Event
 from skinbus.cli.formatting import counted, nodes
 from skinbus.printable import printable
 
-MOMENT_S: Final = 0.25
+MOMENT_S = 0.25
 """Equal events so close together are one line: a bus that fails takes all of its patches with it."""
-BURST: Final = 6
-WINDOW_S: Final = 10.0
+BURST = 6
+WINDOW_S = 10.0
 """So many lines of a kind and bus in such a time; the others are counted and reported at its end."""
-LONGEST_S: Final = 600.0
+LONGEST_S = 600.0
 """While they go on, what was said is counted over longer and longer times, up to this."""
-MAX_WAITING: Final = 10_000
+MAX_WAITING = 10_000
 """Events that wait to be shown; when a terminal is stopped for long, the oldest are lost."""
 
 

@@ -9,21 +9,20 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Final
 
 import click
 
 from skinbus.errors import SkinbusError
 from skinbus.printable import layout
 
-BROKEN_PIPE: Final = 141
+BROKEN_PIPE = 141
 """Status when the reader of our output has gone: what a shell makes of a SIGPIPE."""
 
 
-STREAMS: Final = ("/dev/", "/proc/self/fd/")
+STREAMS = ("/dev/", "/proc/self/fd/")
 """Where links stand for what is open."""
 
-INPUTS: Final = (".toml", ".eds", ".dcf", ".log")
+INPUTS = (".toml", ".eds", ".dcf", ".log")
 """How files are called that commands read."""
 
 

@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,16 +20,16 @@ from skinbus.estimate.calibration.table import Press, mean_and_noise
 from skinbus.file_bytes import read_bytes
 from skinbus.model import Arm
 
-MAX_BYTES: Final = 256 << 20
+MAX_BYTES = 256 << 20
 """An hour of poses at 1 kHz."""
-FEWEST: Final = 10
+FEWEST = 10
 """Lines of columns over time."""
-MOST: Final = 2.0**32
+MOST = 2.0**32
 """4 GPa is beyond any skin; what follows overflows nowhere."""
-PRESSES: Final = ("node_id", "s_mm", "a_mm", "p1")
+PRESSES = ("node_id", "s_mm", "a_mm", "p1")
 """Readings are p1, p2, ... in Pa; gains of the board are not in them: they change with each calibration from
 the same presses."""
-OPTIONAL: Final = re.compile(r"force_n|[pn][1-9]\d{0,3}")
+OPTIONAL = re.compile(r"force_n|[pn][1-9]\d{0,3}")
 """Columns that are read where they are there; n1, n2, ... are noise in Pa."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,7 @@ from skinbus.skin.contact import Contact
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.replayed import Replayed
 
-READING: Final = np.dtype(
+READING = np.dtype(
     [
         ("t_ns", "<i8"),
         ("cycle", "<i4"),
@@ -32,9 +32,9 @@ READING: Final = np.dtype(
     ]
 )
 """A reading; ``zeroed_pa`` is NaN where the master did not use it; x, y, z are m in the frame of the link."""
-COVARIANCES: Final = ("cov_s_s", "cov_s_a", "cov_s_force", "cov_a_a", "cov_a_force", "cov_force_force")
+COVARIANCES = ("cov_s_s", "cov_s_a", "cov_s_force", "cov_a_a", "cov_a_force", "cov_force_force")
 """The upper triangle of a covariance, row by row."""
-CONTACT_COLUMNS: Final = (
+CONTACT_COLUMNS = (
     "t_ns", "cycle", "id", "identity", "link", "level", "state", "quality",
     "s_m", "a_m", "force_n", "x_m", "y_m", "z_m", "normal_x", "normal_y", "normal_z", *COVARIANCES,
 )  # fmt: skip

@@ -9,7 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from skinbus.cli.formatting import counted
 from skinbus.config.state_file import StateFile
@@ -19,15 +19,15 @@ from skinbus.master.health import Health, Records, read_health
 from skinbus.master.memory import Memory
 from skinbus.model import Arm
 
-COPY_EVERY_S: Final = 1.0
+COPY_EVERY_S = 1.0
 """A copy takes some ten microseconds of a cycle."""
-WRITE_EVERY_S: Final = 10.0
+WRITE_EVERY_S = 10.0
 """3 million times a year, 20 kB with what the file system adds, are 600 GB in ten years. 8 GB of flash stand
 24 TB (3000 cycles), small blocks may be written tenfold: a quarter of its life."""
-WRITE_HEALTH_EVERY_S: Final = 600.0
+WRITE_HEALTH_EVERY_S = 600.0
 """50 000 times a year, 50 kB for 24 patches with what the file system adds: 25 GB in ten years. A loss of
 power costs ten minutes of what takes weeks to show."""
-SUFFIX: Final = ".health"
+SUFFIX = ".health"
 
 
 class Keeper:

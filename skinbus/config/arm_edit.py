@@ -14,7 +14,7 @@ import tomllib
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from skinbus.config.arm_tables import RingTable
 from skinbus.config.system import load_arm
@@ -25,9 +25,9 @@ from skinbus.file_bytes import read_bytes, write_whole
 Change = Mapping[str, Any]
 """New values by key; None takes a key out."""
 
-_HEADER: Final = re.compile(r"\s*\[\[?\s*([\w-]+)\s*\]\]?\s*(?:#.*)?$")
+_HEADER = re.compile(r"\s*\[\[?\s*([\w-]+)\s*\]\]?\s*(?:#.*)?$")
 """Of a table; those of tables in it have a point in their names."""
-_DIGITS: Final = 6
+_DIGITS = 6
 """Decimals of a millimetre or a degree: nanometres."""
 
 

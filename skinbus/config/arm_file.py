@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -34,21 +34,21 @@ from skinbus.errors import Fault, FaultList
 from skinbus.model.arm import BusSettings
 from skinbus.model.robot import RobotSettings
 
-MAX_LINKS: Final = 16
+MAX_LINKS = 16
 """A contact's TPDO has four bits for its link."""
 
-MAX_BUSES: Final = 16
+MAX_BUSES = 16
 """More than a controller has sockets for adapters."""
 
-DEFAULT_DATA_BITRATE: Final = 2_000_000
+DEFAULT_DATA_BITRATE = 2_000_000
 """Of CAN FD, bit/s: what any transceiver for CAN FD does, on any wiring that does 1 Mbit/s."""
 
-MAX_SHOWN: Final = 64
+MAX_SHOWN = 64
 """Names that a fault lists, more than links and buses."""
 
-_FOLDER: Final = Path(__file__).parent / "arms"
+_FOLDER = Path(__file__).parent / "arms"
 
-_MODELS: Final[dict[str, type[Table]]] = {
+_MODELS: dict[str, type[Table]] = {
     "bus": BusTable,
     "link": LinkTable,
     "patch": PatchTable,
@@ -57,7 +57,7 @@ _MODELS: Final[dict[str, type[Table]]] = {
 }
 """Of arrays of tables."""
 
-_TABLES: Final = sorted(["arm", "robot", *_MODELS])
+_TABLES = sorted(["arm", "robot", *_MODELS])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

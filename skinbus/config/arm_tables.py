@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo
 
 from skinbus.model.arm import BusSettings
 from skinbus.model.surface import Surface
 
-MAX_SETTINGS: Final = 100
+MAX_SETTINGS = 100
 """Of one patch: more than its EDS has objects to set."""
 
-MAX_NAME: Final = 100
+MAX_NAME = 100
 """Characters of a name: a line of a terminal, and less than a message of CANopen."""
 
-MAX_PATCH_ID: Final = 126
+MAX_PATCH_ID = 126
 """Of a patch; 127 is the master's."""
 
 
@@ -189,7 +189,7 @@ class MeshTable(LinkTable):
     places = ("xyz_mm", "along")
 
 
-SURFACES: Final = {kind.kind: kind for kind in (PlaneTable, CylinderTable, ConeTable, MeshTable)}
+SURFACES = {kind.kind: kind for kind in (PlaneTable, CylinderTable, ConeTable, MeshTable)}
 
 
 class Mounted(Table):

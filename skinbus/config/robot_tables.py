@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
@@ -31,10 +31,10 @@ class RobotTable(Table):
     """By default ``MAX_AGE_MS``, or ``MAX_AGE_PERIODS`` where that is more."""
 
 
-MAX_AGE_MS: Final = 50.0
+MAX_AGE_MS = 50.0
 """At 1 rad/s, fast for an arm among people, joints turn by 3 degrees in this time."""
 
-MAX_AGE_PERIODS: Final = 1.5
+MAX_AGE_PERIODS = 1.5
 """Of the SYNC: positions that come once a cycle are up to a period old at the next one."""
 
 

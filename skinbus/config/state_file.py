@@ -13,16 +13,16 @@ import json
 import math
 import os
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from skinbus.errors import ConfigError
 from skinbus.file_bytes import read_bytes, write_whole
 
-VERSION: Final = 1
-MAX_BYTES: Final = 16 << 20
+VERSION = 1
+MAX_BYTES = 16 << 20
 """An arm of 16 buses with 126 patches of 64 tactels has half of this."""
 
-MAGIC: Final = "skinbus-state"
+MAGIC = "skinbus-state"
 """First word of a file."""
 
 

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 from canopen.objectdictionary import ObjectDictionary
@@ -26,7 +25,7 @@ from skinbus.objects.pdo import carries_readings, readings_in, tpdos
 from skinbus.objects.profile import HEALTHY_TACTELS, MASTER_NODE_ID, TACTEL_COUNT, current, look_up
 from skinbus.objects.settings import Settings, freeze
 
-PLACEMENT_TOLERANCE: Final = 1e-3
+PLACEMENT_TOLERANCE = 1e-3
 """Overlap of two boards, or overhang over the end of a link, that mounting tolerances excuse, m."""
 
 

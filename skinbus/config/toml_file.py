@@ -7,30 +7,30 @@ import re
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from skinbus.config.wording import nearest
 from skinbus.errors import ConfigError, Fault, MissingFileError
 from skinbus.file_bytes import read_bytes
 
-MAX_BYTES: Final = 1 << 19
+MAX_BYTES = 1 << 19
 """An arm of 16 buses with 126 patches each, a hundred bytes for each patch, is half of this."""
 
-MAX_DEPTH: Final = 16
+MAX_DEPTH = 16
 """Of tables and arrays in each other, and parts of a key; files of ours need four."""
 
-MAX_WORD: Final = 100
+MAX_WORD = 100
 """Characters of a number, or of a key without quotes: 64 bits have 20 digits."""
 
-OPAQUE: Final = re.compile(
+OPAQUE = re.compile(
     r'''"""(?:[^"\\]|\\.|"(?!""))*+(?:"""|\Z)|"(?:[^"\\\n]|\\.)*+(?:"|$)'''
     r"""|'''(?:[^']|'(?!''))*+(?:'''|\Z)|'[^'\n]*+(?:'|$)|#[^\n]*+""",
     re.DOTALL | re.MULTILINE,
 )
 """Strings and comments."""
-_BRACKET: Final = re.compile(r"[\[\]{}]")
-_LONG_KEY: Final = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{MAX_DEPTH}}}")
-_LONG_WORD: Final = re.compile(rf"(?<![\w+.:-])[\w+.:-]{{{MAX_WORD + 1}}}")
+_BRACKET = re.compile(r"[\[\]{}]")
+_LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{MAX_DEPTH}}}")
+_LONG_WORD = re.compile(rf"(?<![\w+.:-])[\w+.:-]{{{MAX_WORD + 1}}}")
 
 
 def find_toml(name_or_path: str | Path, folder: Path, what: str) -> Path:

@@ -5,16 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
-from typing import Any, Final
+from typing import Any
 
 from skinbus.errors import Fault
 
-_OF_TYPES: Final = re.compile(
+_OF_TYPES = re.compile(
     r"(float|int|str|bool|list|tuple|dict|\[key\])|(constrained|function|nullable)-.*|.*\[.+\]"
 )
 """Parts of a place that name a branch of a type, not a key."""
 
-_WORDS: Final = (
+_WORDS = (
     (r"(Input|Tuple|List|Dictionary|String|Value) should (be|have|contain) ", ""),
     (r"^Value error, ", ""),
     (r"a valid number.*", "a number"),
@@ -27,12 +27,12 @@ _WORDS: Final = (
     (r"String should match pattern '(.*)'", r"a text of the pattern \1"),
 )
 
-_AS_A_COLUMN: Final = 0.45
+_AS_A_COLUMN = 0.45
 """Likeness from which a name may be meant for a column that is missing: `s` for `s_mm` has 0.5."""
-_MISSPELT: Final = 0.75
+_MISSPELT = 0.75
 """Likeness from which a name is that of a column which nobody misses: `force` for `force_n` has 0.9."""
-_ABSENT: Final = ("missing", "missing_argument", "missing_keyword_only_argument")
-_UNKNOWN: Final = ("extra_forbidden", "unexpected_keyword_argument")
+_ABSENT = ("missing", "missing_argument", "missing_keyword_only_argument")
+_UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 
 
 def faults_of(details: Iterable[Any], key: str, known: Sequence[str]) -> list[Fault]:

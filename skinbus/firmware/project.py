@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary, datatypes
 
@@ -23,13 +23,13 @@ from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import Direction, pdo_numbers
 from skinbus.objects.profile import COMMUNICATION_CHECKSUM, SAMPLE_COUNTER, find
 
-NODE_ID: Final = 1
+NODE_ID = 1
 """Node-ID at which the dictionary is read; what depends on it is stored without it."""
-NO_VALUE: Final = b"\xff\xff"
+NO_VALUE = b"\xff\xff"
 """In place of the length of a text."""
-LIMITED: Final = 4
+LIMITED = 4
 """Bytes of the largest value with limits."""
-PER_LINE: Final = 16
+PER_LINE = 16
 
 
 class Run(NamedTuple):

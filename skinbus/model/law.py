@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -148,7 +148,7 @@ class Radial:
 
 
 Law = Cone | Radial
-DEFAULT_LAW: Final = Cone()
+DEFAULT_LAW = Cone()
 """The law of a board that says nothing of its own."""
 
 

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -27,20 +26,20 @@ from skinbus.estimate.levels.merge import EVIDENCE
 from skinbus.model import Arm, Law
 from skinbus.model.mesh_surface import MeshSurface
 
-FORCE: Final = 5.0
+FORCE = 5.0
 """N, the contact that is bounded: a firm finger."""
-STEP: Final = 2e-3
+STEP = 2e-3
 """m, of the grid: a fifth of the usual pitch."""
-DIFFERENCE: Final = 1e-5
+DIFFERENCE = 1e-5
 """Of derivatives, m and relative force: wide against rounding, narrow against any contact."""
-FORCES: Final = (1e-3, 1e3)
+FORCES = (1e-3, 1e3)
 """N, within which the least force is searched; what needs more is not registered."""
-HALVINGS: Final = 16
+HALVINGS = 16
 """Of that search: to 3e-4 of the force."""
-FELT: Final = 4
+FELT = 4
 """Tactels beyond three standard deviations for the bound to hold: three determine place and force, one more
 shows whether they do."""
-SMALL: Final = 0.5e-3
+SMALL = 0.5e-3
 """m, standard deviation of a place up to which the bound holds: a law bends over a few millimetres."""
 
 BARE, NOWHERE = -1, -2

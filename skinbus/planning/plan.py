@@ -6,7 +6,7 @@ from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary
 
@@ -23,11 +23,11 @@ from skinbus.objects.readings import DEADLINE
 from skinbus.planning.schedule import SECOND, ErrorModel, Message, Release, cycle_times, frame_ns, load
 from skinbus.planning.traffic import BIT_ERROR_RATE, ERROR_BURST, Traffic, node_id_of, traffic
 
-_FD_BOARDS: Final = 'eds = "skin-patch-fd", or `skinbus board new --canfd`'
-_HIGHEST_HZ: Final = 2000.0
-_SYNC_BITS: Final = 52
+_FD_BOARDS = 'eds = "skin-patch-fd", or `skinbus board new --canfd`'
+_HIGHEST_HZ = 2000.0
+_SYNC_BITS = 52
 """Of a SYNC with counter until it is received, when no bit is stuffed: patches sample then."""
-_RATE_STEP: Final = 0.5
+_RATE_STEP = 0.5
 """Rates are searched to this, Hz."""
 
 

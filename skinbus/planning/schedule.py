@@ -35,11 +35,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Final
 
 import numpy as np
 
-SECOND: Final = 1_000_000_000
+SECOND = 1_000_000_000
 
 
 class Release(Enum):
@@ -84,7 +83,7 @@ class Message:
         return self.deadline_ns or self.period_ns
 
 
-ERROR_FRAME_BITS: Final = 31
+ERROR_FRAME_BITS = 31
 """Longest error frame: flags of all nodes, delimiter and interframe space (Tindell and Burns)."""
 
 
@@ -101,7 +100,7 @@ class ErrorModel:
         return n * (frame_ns(ERROR_FRAME_BITS, bitrate) + longest_ns)
 
 
-NO_ERRORS: Final = ErrorModel()
+NO_ERRORS = ErrorModel()
 
 
 def load(messages: Sequence[Message], bitrate: int) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, Final
+from typing import Any
 
 from canopen.objectdictionary import ObjectDictionary
 
@@ -18,22 +18,22 @@ from skinbus.objects.pdo import PdoMap, tpdos
 from skinbus.objects.profile import MASTER_NODE_ID, number_at
 from skinbus.planning.schedule import SECOND, Message, Release
 
-MASTER_EDS: Final = "skin-master"
+MASTER_EDS = "skin-master"
 
-SDO_PATIENCE_NS: Final = 100_000_000
+SDO_PATIENCE_NS = 100_000_000
 """An SDO frame may take this long: a third of a common time-out, the canopen package's 0.3 s."""
 
 
-CONTACTS: Final = 16
+CONTACTS = 16
 """Contacts published in one cycle: all that the master has objects for."""
-SDO_HZ: Final = 100
+SDO_HZ = 100
 """SDO requests, each with its response: a tool that reads records as fast as people can read them."""
-BIT_ERROR_RATE: Final = 2.6e-7
+BIT_ERROR_RATE = 2.6e-7
 """Share of bits that are hit: measured on CAN two metres from a welding machine; 3e-9 in a factory, 3e-11
 in a laboratory. Source: Ferreira et al., An experiment to assess bit error rate in CAN, 2004."""
-ERROR_BURST: Final = 1
+ERROR_BURST = 1
 """Errors that may come together at any time, beyond that rate."""
-ASSUMED: Final = (
+ASSUMED = (
     f"{CONTACTS} contacts, 1 EMCY and {SDO_HZ} SDO requests a second, heartbeats by the EDS files, "
     f"bit error rate {BIT_ERROR_RATE:g}, {ERROR_BURST} more to repeat at any time"
 )

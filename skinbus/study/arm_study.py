@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -35,32 +35,32 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-DIAMETERS: Final = (0.010, 0.012, 0.015)
+DIAMETERS = (0.010, 0.012, 0.015)
 """Of fingertips, m."""
-PRESSES: Final = 300
+PRESSES = 300
 """Of a calibration, by the middle one of the fingertips."""
-FORCES: Final = (2.0, 12.0)
+FORCES = (2.0, 12.0)
 """N, evenly spread in the logarithm."""
-APART: Final = (0.015, 0.025)
+APART = (0.015, 0.025)
 """Distance of two fingers that come together, m."""
-NOISE: Final = 200.0
+NOISE = 200.0
 """Pa, as in the EDS files."""
-GAIN_SPREAD: Final = 0.03
-INCLINATION: Final = 0.3
+GAIN_SPREAD = 0.03
+INCLINATION = 0.3
 """Tangential force per normal force of an inclined push: that of a hand that leans on an arm."""
-GATE: Final = 0.020
+GATE = 0.020
 """m; a contact further than this from a touch is not that touch: two tactels of the default board."""
-RESAMPLES: Final = 400
-SCATTER: Final = (5.0, 95.0)
+RESAMPLES = 400
+SCATTER = (5.0, 95.0)
 """Percentiles of the bootstrap between which the error of other draws is expected."""
-CALIBRATED: Final = "calibrated, pushed straight"
-SHIPPED: Final = "as it ships, inclined pushes"
-CONDITIONS: Final = (CALIBRATED, SHIPPED)
-FINGERS: Final = {1: "one finger", 2: "two fingers, 15-25 mm apart"}
-BITS: Final = (8, 16)
-NARROW_EDS: Final = {"skin-patch": "skin-patch-8bit"}
+CALIBRATED = "calibrated, pushed straight"
+SHIPPED = "as it ships, inclined pushes"
+CONDITIONS = (CALIBRATED, SHIPPED)
+FINGERS = {1: "one finger", 2: "two fingers, 15-25 mm apart"}
+BITS = (8, 16)
+NARROW_EDS = {"skin-patch": "skin-patch-8bit"}
 """Boards that ship with an EDS of fewer bits."""
-N_POINTS: Final = len(CONDITIONS) * len(FINGERS) * len(BITS) * len(LEVELS)
+N_POINTS = len(CONDITIONS) * len(FINGERS) * len(BITS) * len(LEVELS)
 """Of an arm."""
 
 
@@ -290,7 +290,7 @@ def situations(points: Sequence[Point]) -> list[Sequence[Point]]:
     return [points[k : k + len(LEVELS)] for k in range(0, len(points), len(LEVELS))]
 
 
-TITLES: Final = ("boards", *LEVELS, "run", "touch to contact")
+TITLES = ("boards", *LEVELS, "run", "touch to contact")
 """Of the columns of ``table``."""
 
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-COLOURS: Final = {"kmeans": "tab:orange", "fit": "tab:blue", "full": "tab:green"}
-MARKERS: Final = {"kmeans": "o", "fit": "s", "full": "D"}
+COLOURS = {"kmeans": "tab:orange", "fit": "tab:blue", "full": "tab:green"}
+MARKERS = {"kmeans": "o", "fit": "s", "full": "D"}
 
-_STYLE: Final[Any] = {
+_STYLE: Any = {
     "figure.dpi": 110,
     "font.size": 9,
     "axes.grid": True,

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -26,27 +26,27 @@ from skinbus.estimate import LEVELS, Estimator
 from skinbus.model import Arm, Cone, Transducer
 from skinbus.model.patch import grid
 
-SPAN: Final = 0.030
+SPAN = 0.030
 """Side of the square that is pressed, m: the distance of the outer tactels of the paper's board."""
-EDGE: Final = 0.050
+EDGE = 0.050
 """Side of the board of figures 7 and 8, m."""
-PER_SIDE: Final = (2, 3, 4, 5, 6, 7, 8)
+PER_SIDE = (2, 3, 4, 5, 6, 7, 8)
 """Tactels along its side; pitches of 25 to 6.25 mm."""
-FORCES: Final = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 17.0, 25.0)
+FORCES = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 17.0, 25.0)
 """N; the paper shows up to 25 N."""
-SLOPES: Final = (0.15e6, 0.3e6, 0.6e6, 1.2e6, 2.5e6, 5e6, 10e6, 20e6)
+SLOPES = (0.15e6, 0.3e6, 0.6e6, 1.2e6, 2.5e6, 5e6, 10e6, 20e6)
 """Drop-off rates, Pa/m."""
-FORCE: Final = 5.0
-SLOPE: Final = 5e6
-SIDE: Final = 4
-PITCH: Final = 0.010
+FORCE = 5.0
+SLOPE = 5e6
+SIDE = 4
+PITCH = 0.010
 """Of reference: what is not varied. There the cone reaches as far as the next tactel, 9.8 mm."""
-NOISE_SHARE: Final = 0.01
-THRESHOLD: Final = 5.0
+NOISE_SHARE = 0.01
+THRESHOLD = 5.0
 """In standard deviations of a reading."""
-APART: Final = 0.018
+APART = 0.018
 """Two touches are at least so far apart, m: nearer ones are one to any partition of a 10 mm grid."""
-_EXACT: Final = Transducer(full_scale=1e7, bits=32)  # "saturation" in the paper is one of the layer
+_EXACT = Transducer(full_scale=1e7, bits=32)  # "saturation" in the paper is one of the layer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,14 +147,14 @@ def press(case: PaperCase, *, trials: int, seed: int) -> list[LevelErrors]:
     return results
 
 
-SWEEPS: Final = {
+SWEEPS = {
     "density": [PaperCase(side=side, pitch=EDGE / side, n_touches=n) for n in (1, 2) for side in PER_SIDE],
     "force": [PaperCase(force=force, n_touches=n) for n in (1, 2) for force in FORCES],
     "drop-off": [PaperCase(slope=slope, n_touches=n) for n in (1, 2) for slope in SLOPES],
     "force-and-drop-off": [PaperCase(slope=slope, force=force) for slope in SLOPES for force in FORCES],
 }
 """Of figures 7 and 8, 9 and 10, 11 and 12, and 13."""
-N_CELLS: Final = sum(map(len, SWEEPS.values()))
+N_CELLS = sum(map(len, SWEEPS.values()))
 
 
 def null_zone(pitch: float, slope: float = SLOPE) -> NullZone:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Final
 
 import numpy as np
 import rich.console
@@ -17,9 +16,9 @@ from skinbus.skin.cycle import Cycle
 from skinbus.view.table import contact_table
 from skinbus.view.unrolled import Unrolled
 
-REFRESH_S: Final = 0.1
+REFRESH_S = 0.1
 """A screen follows ten times a second: what eyes can."""
-BELOW: Final = 6
+BELOW = 6
 """Lines beside the picture: the head, some contacts, and the one with the cursor."""
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,16 +13,16 @@ from skinbus.arrays import Bools, Floats
 from skinbus.model import Arm
 from skinbus.skin.cycle import Cycle
 
-CELL_S: Final = 0.010
-CELL_A: Final = 0.005
+CELL_S = 0.010
+CELL_A = 0.005
 """Size of one character on the surface, m: characters are about twice as high as wide. Where tactels are
 closer, or a link is too wide for the terminal, it is another: every tactel has a character of its own."""
-FULL_SHADE_PA: Final = 60e3
+FULL_SHADE_PA = 60e3
 """Pressure shown darkest: the peak of a 5 N fingertip on the default layer is about 40 kPa."""
 
-LOST: Final = "x"
-SHADES: Final = "··:-=+*#%@"
-_SIGNS: Final = np.array(
+LOST = "x"
+SHADES = "··:-=+*#%@"
+_SIGNS = np.array(
     [
         *zip(
             SHADES,
@@ -35,8 +35,8 @@ _SIGNS: Final = np.array(
     object,
 )
 """Letters and styles of pressures, of a tactel without reading, and of no tactel."""
-CONTACT_STYLE: Final = "bold black on green"
-TRUTH: Final = ("+", "bold white on magenta")
+CONTACT_STYLE = "bold black on green"
+TRUTH = ("+", "bold white on magenta")
 
 
 class Unrolled:

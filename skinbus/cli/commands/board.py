@@ -6,7 +6,6 @@ import os
 import re
 import sys
 from pathlib import Path
-from typing import Final
 
 import click
 import numpy as np
@@ -43,7 +42,7 @@ from skinbus.objects.eds_lint import lint
 from skinbus.objects.new_board import NewBoard, module_dcf
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
 
-STYLES: Final = {Grade.PASS: "", Grade.FAIL: "bold red", Grade.SKIPPED: "dim"}
+STYLES = {Grade.PASS: "", Grade.FAIL: "bold red", Grade.SKIPPED: "dim"}
 
 
 @click.group()
@@ -59,7 +58,7 @@ def command() -> None:
     """
 
 
-POSITIONS: Final = tuple(
+POSITIONS = tuple(
     tuple(name.format(unit) for name in names)
     for names in (("u_{}", "v_{}"), ("x_{}", "y_{}", "z_{}", "nx", "ny", "nz"))
     for unit in ("mm", "m")

@@ -6,7 +6,6 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
 
 import click
 import numpy as np
@@ -30,15 +29,15 @@ from skinbus.objects.eds import load_eds
 
 Ints = npt.NDArray[np.intp]
 
-WORTH: Final = 1.2
+WORTH = 1.2
 """Ratio of the errors of places from which a law without newtons is worth more than one with them."""
-MANY: Final = 10
+MANY = 10
 """Lines of a file, or runs of them, that are listed."""
-BETTER: Final = (
+BETTER = (
     "for a better one press more (a hundred times a board is plenty), at uneven places, with a round tip and "
     "known forces (`force_n`)"
 )
-BOARDS: Final = ("node", "presses", "left out", "error mm")
+BOARDS = ("node", "presses", "left out", "error mm")
 
 
 @click.command()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,16 +15,16 @@ from skinbus.cli.output import extra_wanted
 if TYPE_CHECKING:
     from skinbus.planning.coverage import Coverage
 
-COLUMNS: Final = {
+COLUMNS = {
     "least_force_n": ("least_force", 1.0),
     "sd_place_mm": ("sd_place", 1e3),
     "sd_force_n": ("sd_force", 1.0),
 }
 """Column of the coverage, and the factor to the unit."""
-TITLES: Final = (
+TITLES = (
     "link", "area_cm2", "on_boards_cm2", "blind_cm2", *COLUMNS, "bound_holds_pct",
 )  # fmt: skip
-NOTE: Final = (
+NOTE = (
     "blind is what registers no touch of any force, the figure shows where; forces and "
     "standard deviations are median and worst on the boards; level full reaches them where the bound holds"
 )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import click
 import numpy as np
 
@@ -19,7 +17,7 @@ from skinbus.skin.cycle import Cycle
 from skinbus.skin.simulated import simulate
 from skinbus.view.screen import live_screen
 
-GATE: Final = 0.020
+GATE = 0.020
 """m; a contact further than this from a touch is not that touch: two tactels of the default board."""
 
 

@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
@@ -33,13 +33,13 @@ UNIT_ARM = "/etc/skinbus/arm.toml"
 """What the unit runs by default."""
 
 
-MIN_QUEUE: Final = 64
+MIN_QUEUE = 64
 """Frames the send queue should hold: a cycle's 17 contact frames, and SDO to many patches at once."""
 
-LATE_US: Final = 500
+LATE_US = 500
 """A wake-up that is later than this is a twentieth of a cycle at 100 Hz."""
 
-N_SLEEPS: Final = 300
+N_SLEEPS = 300
 
 
 @click.command()

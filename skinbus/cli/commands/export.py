@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
@@ -17,7 +17,7 @@ from skinbus.file_bytes import write_whole
 if TYPE_CHECKING:
     from skinbus.model import Arm
 
-KINDS: Final = (".mcap", ".parquet", ".dbc")
+KINDS = (".mcap", ".parquet", ".dbc")
 
 
 @click.command()

@@ -6,7 +6,7 @@ import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import click
 import numpy as np
@@ -23,11 +23,11 @@ from skinbus.estimate.calibration.location import OUTLIER, Located, locate
 from skinbus.estimate.calibration.table import Press
 from skinbus.model import Arm
 
-TITLES: Final = ("node", "along s", "across", "yaw", "presses")
-WORDS: Final = {"s": "the place along s", "a": "the place across", "yaw": "the yaw"}
-WORST: Final = 1.5e-3
+TITLES = ("node", "along s", "across", "yaw", "presses")
+WORDS = {"s": "the place along s", "a": "the place across", "yaw": "the yaw"}
+WORST = 1.5e-3
 """m, by which presses may scatter: those by hand do by 1 mm."""
-MAX_SHIFT: Final = 15e-3
+MAX_SHIFT = 15e-3
 """m, by which a board may lie off its place in the file: five times what hands mount boards off by, and less
 than a third of a board of 50 mm, so that it is nearer to its own place than to that of a neighbour."""
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from typing import Final
 
 import click
 
@@ -18,7 +17,7 @@ from skinbus.skin.cycle import Cycle
 from skinbus.skin.listened import listen
 from skinbus.view.screen import REFRESH_S, Screen, live_screen
 
-SILENT_S: Final = 1.0
+SILENT_S = 1.0
 """A master that was not heard for so long has gone."""
 
 

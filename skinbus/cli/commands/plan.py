@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from skinbus.planning.plan import Plan
 
 
-BITRATES: Final = ("125000", "250000", "500000", "800000", "1000000")
+BITRATES = ("125000", "250000", "500000", "800000", "1000000")
 """Those of arm files."""
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final, NoReturn
+from typing import NoReturn
 
 import click
 import numpy as np
@@ -24,15 +24,15 @@ from skinbus.estimate.calibration.table import Press, mean_and_noise
 from skinbus.model import Arm
 from skinbus.objects.readings import ReadingsPlan
 
-SLID: Final = 0.5e-3
+SLID = 0.5e-3
 """m, that a tool may move within a hold; more is no press at a place."""
-FELT: Final = 0.02
+FELT = 0.02
 """Part of the largest reading of a press from which a neighbouring patch gets a row of it, too."""
-DOUBTFUL: Final = 0.4
+DOUBTFUL = 0.4
 """Correlation below which clocks are not taken as joined: half of what a few good presses give."""
-FEWEST: Final = 10
+FEWEST = 10
 """Cycles of a recording."""
-HELD_S: Final = 0.02
+HELD_S = 0.02
 """Where patches send on a change, what is read holds between cycles: it is looked at so often, s."""
 
 

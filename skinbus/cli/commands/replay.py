@@ -8,7 +8,6 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Final
 
 import click
 
@@ -25,7 +24,7 @@ from skinbus.config.system import load_arm
 from skinbus.estimate import TrackState
 from skinbus.skin.contact import Contact
 
-TITLES: Final = ("contact", "link", "from s", "to s", "s mm", "a mm", "force N", "cycles")
+TITLES = ("contact", "link", "from s", "to s", "s mm", "a mm", "force N", "cycles")
 
 
 @click.command()

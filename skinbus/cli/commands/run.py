@@ -10,7 +10,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import click
 
@@ -45,9 +45,9 @@ from skinbus.skin.opened import refuse_other_master
 from skinbus.skin.shared_memory import SharedWriter
 from skinbus.view.screen import REFRESH_S, live_screen
 
-REMEMBERED: Final = 100_000
+REMEMBERED = 100_000
 """Cycles whose compute times the summary is made of, the last of a long run."""
-RECENT_NS: Final = 1_000_000_000
+RECENT_NS = 1_000_000_000
 """A patch that sent readings so long before the end was alive then."""
 
 

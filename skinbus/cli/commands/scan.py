@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
 
 import click
 
@@ -20,9 +19,9 @@ from skinbus.objects.eds import build_od, eds_names, read_eds
 from skinbus.objects.profile import number_at
 from skinbus.printable import printable
 
-NO_NODE: Final = "no node answers: is the bus powered, terminated, and at this bit rate?"
-TITLES: Final = ("node", "state", "vendor:product:revision", "serial", "EDS", "name")
-IDENTITY: Final = (
+NO_NODE = "no node answers: is the bus powered, terminated, and at this bit rate?"
+TITLES = ("node", "state", "vendor:product:revision", "serial", "EDS", "name")
+IDENTITY = (
     ("vendor", cia.IDENTITY_VENDOR, "DeviceInfo", "VendorNumber"),
     ("product", cia.IDENTITY_PRODUCT, "DeviceInfo", "ProductNumber"),
     ("revision", cia.IDENTITY_REVISION, "DeviceInfo", "RevisionNumber"),

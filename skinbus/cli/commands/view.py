@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from skinbus.skin.contact import Level
     from skinbus.skin.skin import Skin
 
-AGAIN_S: Final = 1.0
+AGAIN_S = 1.0
 """After this time a scene that is over begins anew, and shared memory that has gone is looked for."""
-YIELDS: Final = 10
+YIELDS = 10
 """Niceness of the process: a master on this machine comes first."""
 
 
-LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
 """Addresses that are reached from this machine only."""
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import cantools
 from canopen.objectdictionary import ObjectDictionary
@@ -22,11 +22,11 @@ from skinbus.objects.eds_values import REAL32, REAL64
 from skinbus.objects.pdo import PdoMap, tpdos
 from skinbus.objects.profile import MASTER_NODE_ID
 
-LINK_AND_STATE: Final = "Link and state"
+LINK_AND_STATE = "Link and state"
 """An object of two halves of a byte, see ``objects.contacts``."""
-UNIT: Final = re.compile(r"(.+?) (\d+(?:\.\d+)?)?(mm2|mm|um|ns|us|ms|Pa|N)")
+UNIT = re.compile(r"(.+?) (\d+(?:\.\d+)?)?(mm2|mm|um|ns|us|ms|Pa|N)")
 """A name of ours that says what it counts in: "Force 0.01N", "Latency 10us", "Compute time us"."""
-HEAD: Final = 'VERSION ""\nBA_DEF_ "BusType" STRING ;\nBA_DEF_DEF_ "BusType" "CAN";\nBA_ "BusType" "{}";\n'
+HEAD = 'VERSION ""\nBA_DEF_ "BusType" STRING ;\nBA_DEF_DEF_ "BusType" "CAN";\nBA_ "BusType" "{}";\n'
 
 
 class Device(NamedTuple):

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Final
 
 import foxglove
 import numpy as np
@@ -39,28 +38,28 @@ from skinbus.cli.recorded import READING, RecordedCycle, values_of
 from skinbus.model import Arm
 from skinbus.skin.contact import Contact
 
-TYPES: Final = {
+TYPES = {
     "u1": PackedElementFieldNumericType.Uint8,
     "i4": PackedElementFieldNumericType.Int32,
     "f4": PackedElementFieldNumericType.Float32,
     "f8": PackedElementFieldNumericType.Float64,
 }
-FIELDS: Final = [
+FIELDS = [
     PackedElementField(name=name, offset=offset, type=TYPES[dtype.str[1:]])
     for name, (dtype, offset, *_) in (READING.fields or {}).items()
     if dtype.str[1:] in TYPES  # there are no integers of 64 bits
 ]
-FRAME: Final = "links_side_by_side"
+FRAME = "links_side_by_side"
 """A recording has no joint positions: the links lie in a row along x, not as on the robot."""
-GAP_M: Final = 0.1
+GAP_M = 0.1
 """Between two links in the row."""
-M_PER_N: Final = 5e-3
+M_PER_N = 5e-3
 """10 N are as long as a board."""
-THICKNESS_M: Final = 3e-3
-COLOR: Final = Color(r=0.9, g=0.62, b=0.0, a=1.0)
+THICKNESS_M = 3e-3
+COLOR = Color(r=0.9, g=0.62, b=0.0, a=1.0)
 """Orange of Okabe and Ito's palette for colour-blind readers."""
-CONTACTS: Final = {"title": "skinbus.Contacts", "type": "object", "properties": {}}
-POSE: Final = Pose(position=Vector3(x=0.0, y=0.0, z=0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
+CONTACTS = {"title": "skinbus.Contacts", "type": "object", "properties": {}}
+POSE = Pose(position=Vector3(x=0.0, y=0.0, z=0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
 
 
 def write(cycles: Iterable[RecordedCycle], file: Path, arm: Arm, about: dict[str, str]) -> None:

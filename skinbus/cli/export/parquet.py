@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from skinbus.cli.recorded import CONTACT_COLUMNS, READING, RecordedCycle, values_of
 from skinbus.model import Arm
 
-CONTACTS: Final = pa.schema(
+CONTACTS = pa.schema(
     [
         *zip(
             CONTACT_COLUMNS,
@@ -25,7 +25,7 @@ CONTACTS: Final = pa.schema(
         *((name, pa.float64()) for name in CONTACT_COLUMNS[8:]),
     ]
 )
-ROWS: Final = 100_000
+ROWS = 100_000
 """Readings that are written at once, about: a row group."""
 
 

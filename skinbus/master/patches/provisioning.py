@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum, StrEnum, auto
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary
 
@@ -91,9 +91,9 @@ def foreign_write(request: bytes) -> str:
 LOAD = cia.SIGNATURE_LOAD.to_bytes(4, "little")
 SAVE = cia.SIGNATURE_SAVE.to_bytes(4, "little")
 
-NO_VALUE: Final[tuple[int, ...]] = (cia.AbortCode.WRITE_ONLY, cia.AbortCode.NO_DATA)
+NO_VALUE: tuple[int, ...] = (cia.AbortCode.WRITE_ONLY, cia.AbortCode.NO_DATA)
 """Why a value that can be written may have none to read."""
-MISSING: Final[tuple[int, ...]] = (cia.AbortCode.NO_OBJECT, cia.AbortCode.NO_SUB_INDEX)
+MISSING: tuple[int, ...] = (cia.AbortCode.NO_OBJECT, cia.AbortCode.NO_SUB_INDEX)
 ANY = range(1 << 32)
 """All abort codes."""
 

@@ -6,15 +6,13 @@ most who do not see all colours, and it has no red, which is that of faults.
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 import numpy.typing as npt
 
 Colours = npt.NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
-_ANCHORS: Final = np.frombuffer(
+_ANCHORS = np.frombuffer(
     bytes.fromhex(
         "440154 48186a 472d7b 424086 3b528b 33638d 2c728e 26828e 21918c"
         "1fa088 28ae80 3fbc73 5ec962 84d44b addc30 d8e219 fde725"
@@ -23,21 +21,21 @@ _ANCHORS: Final = np.frombuffer(
 ).reshape(-1, 3)
 """Seventeen of its colours, evenly spaced: linear between them is within 4 of 255 of the original."""
 
-UNKNOWN: Final[Colour] = (148, 152, 158)
+UNKNOWN: Colour = (148, 152, 158)
 """A tactel without a fresh reading: its pressure is not known, and is not shown as zero."""
-LOST: Final[Colour] = (224, 49, 49)
+LOST: Colour = (224, 49, 49)
 """A lost board, and a tactel that is not plausible."""
-WAITING: Final[Colour] = (245, 159, 0)
+WAITING: Colour = (245, 159, 0)
 """Outline of a board that boots, is held, or is another device than the arm file asks for."""
-CONTACT: Final[Colour] = (253, 126, 20)
-COASTING: Final[Colour] = (255, 192, 120)
+CONTACT: Colour = (253, 126, 20)
+COASTING: Colour = (255, 192, 120)
 """A contact that is not seen in this cycle."""
-TRUTH: Final[Colour] = (214, 51, 190)
-BODY: Final[Colour] = (206, 212, 218)
-BOARD: Final[Colour] = (47, 52, 58)
-ROBOT: Final[Colour] = (173, 181, 189)
+TRUTH: Colour = (214, 51, 190)
+BODY: Colour = (206, 212, 218)
+BOARD: Colour = (47, 52, 58)
+ROBOT: Colour = (173, 181, 189)
 
-FULL_KPA: Final = 30.0
+FULL_KPA = 30.0
 """Brightest unless chosen otherwise, kPa: what a fingertip of 12 mm brings to a tactel with 8 N or so."""
 
 
@@ -53,14 +51,12 @@ def gradient() -> str:
     return f"linear-gradient(to right, {stops})"
 
 
-LIGHT: Final = 1.2
+LIGHT = 1.2
 """Ambient light on surfaces, as a multiple of their colour: the brightest shade is nearly reached, and the
 darkest have steps enough of the 255 that an instance has."""
-_IN: Final = np.array([[0.59719, 0.35458, 0.04823], [0.07600, 0.90834, 0.01566], [0.02840, 0.13383, 0.83777]])
-_OUT: Final = np.array(
-    [[1.60475, -0.53108, -0.07367], [-0.10208, 1.10813, -0.00605], [-0.00327, -0.07276, 1.07602]]
-)
-_EXPOSURE: Final = 1.0 / 0.6
+_IN = np.array([[0.59719, 0.35458, 0.04823], [0.07600, 0.90834, 0.01566], [0.02840, 0.13383, 0.83777]])
+_OUT = np.array([[1.60475, -0.53108, -0.07367], [-0.10208, 1.10813, -0.00605], [-0.00327, -0.07276, 1.07602]])
+_EXPOSURE = 1.0 / 0.6
 
 
 def for_instances(shown: npt.ArrayLike, light: float = 1.0) -> Colours:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,25 +18,25 @@ from skinbus.view.web import colours
 from skinbus.view.web.colours import Colour, Colours
 from skinbus.view.web.poses import Poses, placed, turned
 
-SIGMAS: Final = 3.0
+SIGMAS = 3.0
 """Standard deviations of the ellipse of a contact."""
-LENGTH_PER_N: Final = 0.006
+LENGTH_PER_N = 0.006
 """Length of an arrow, m/N: that of a firm push of 8 N is as long as a board."""
-SHORTEST: Final = 0.014
-LONGEST: Final = 0.09
+SHORTEST = 0.014
+LONGEST = 0.09
 """Of an arrow, m: a light contact is seen, a hard one stays on the page; the label has the number."""
-ANGLES: Final = np.linspace(0.0, 2.0 * np.pi, 33)
+ANGLES = np.linspace(0.0, 2.0 * np.pi, 33)
 """Of the points of an ellipse and of a ring."""
-RING_RADIUS: Final = 0.006
+RING_RADIUS = 0.006
 """Of the ring around a true touch, m: about a fingertip."""
-EDGE: Final = np.array([(-1, -1), (0, -1), (1, -1), (1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1)])
-CROSS: Final = np.array([(1, 1), (0.5, 0.5), (0, 0), (-0.5, -0.5), (-1, -1)]) * 1.0
+EDGE = np.array([(-1, -1), (0, -1), (1, -1), (1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1)])
+CROSS = np.array([(1, 1), (0.5, 0.5), (0, 0), (-0.5, -0.5), (-1, -1)]) * 1.0
 """Of a board, in halves of its size: its edge, and one of its diagonals."""
-LIFT: Final = 1.6e-3
+LIFT = 1.6e-3
 """Height of lines over the surface, m: over boards and tactels."""
 
-CROSSED_OUT: Final = (PatchState.ABSENT, PatchState.SILENT, PatchState.WRONG, PatchState.UNUSED)
-STALE_CYCLES: Final = 10
+CROSSED_OUT = (PatchState.ABSENT, PatchState.SILENT, PatchState.WRONG, PatchState.UNUSED)
+STALE_CYCLES = 10
 """Periods without a new cycle, 0.2 s at 50 Hz, after which nothing that is shown is of now."""
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from typing import Final
 
 import numpy as np
 
@@ -13,10 +12,10 @@ from skinbus.arrays import Floats
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.skin import Skin
 
-PATIENCE_S: Final = 2.0
+PATIENCE_S = 2.0
 """How long the end of the thread is waited for."""
-STEP_NS: Final = 100_000_000
-N_BINS: Final = 200
+STEP_NS = 100_000_000
+N_BINS = 200
 """Of the plot of forces."""
 
 

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from io import StringIO
 from ipaddress import ip_address
-from typing import Any, Final
+from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -31,18 +31,18 @@ from skinbus.view.web.follower import Follower
 from skinbus.view.web.poses import Poses
 from skinbus.view.web.scene import SceneNodes
 
-DRAW_S: Final = 0.05
+DRAW_S = 0.05
 """Between two pictures: twenty a second."""
-PANEL_S: Final = 0.5
+PANEL_S = 0.5
 """Between two updates of the panels: what can be read."""
-SERIES: Final = ("#e8590c", "#1971c2", "#2f9e44", "#9c36b5", "#e03131", "#0c8599")
+SERIES = ("#e8590c", "#1971c2", "#2f9e44", "#9c36b5", "#e03131", "#0c8599")
 """Of the contacts in the plot of forces: colours that can be distinguished."""
-CLIENTS: Final = 16
+CLIENTS = 16
 """Pages that are served at a time: one that does not read costs memory for what waits for it."""
-REFUSED: Final = 1008
+REFUSED = 1008
 """WebSocket close code for a violated policy (RFC 6455, 7.4.1)."""
-BUSY: Final = 1013
-COARSE: Final = """
+BUSY = 1013
+COARSE = """
 const settings = window.__viserTestpoints?.devSettings;
 const gl = document.createElement("canvas").getContext("webgl2");
 const renderer = gl?.getExtension("WEBGL_debug_renderer_info")?.UNMASKED_RENDERER_WEBGL;

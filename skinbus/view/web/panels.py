@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from html import escape
-from typing import Final
 
 from skinbus.model import Arm
 from skinbus.printable import printable
@@ -14,7 +13,7 @@ from skinbus.skin.pressed import Loads
 from skinbus.view.web import colours
 from skinbus.view.web.follower import Follower
 
-STATES: Final = {
+STATES = {
     PatchState.UNUSED: ("not in the arm file", "lost"),
     PatchState.ABSENT: ("absent", "lost"),
     PatchState.BOOTING: ("booting", "waiting"),
@@ -22,10 +21,10 @@ STATES: Final = {
     PatchState.OPERATIONAL: ("operational", "good"),
     PatchState.SILENT: ("silent", "lost"),
 }
-UNKNOWN: Final = "not known from here"
-SLOW: Final = 0.95
+UNKNOWN = "not known from here"
+SLOW = 0.95
 """Pace of a simulation below which the page says that it is slow."""
-STYLE: Final = """<style>
+STYLE = """<style>
 .sb{font:13px/1.45 system-ui,sans-serif;padding:0 .75em;overflow-wrap:anywhere}
 .sb table{border-collapse:collapse;width:100%;font-size:12px;font-variant-numeric:tabular-nums}
 .sb td,.sb th{padding:.1em .3em;text-align:left;white-space:nowrap}

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 import numpy.typing as npt
 
 from skinbus.arrays import Floats
 from skinbus.model import Arm
 
-LEAST_TURN: Final = 1e-3
+LEAST_TURN = 1e-3
 """Change of a joint position, rad or m, from which on the links are drawn elsewhere: less is not seen."""
-GAP: Final = 0.02
+GAP = 0.02
 """Between links that are drawn one after the other, m."""
 
 

@@ -7,7 +7,7 @@ float32 in the frame of a link, m; faces are counter-clockwise seen from outside
 from __future__ import annotations
 
 import logging
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,34 +25,34 @@ from skinbus.view.web.poses import Poses, placed
 Mesh = tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]
 """Vertices (n, 3) m, faces (m, 3)."""
 
-UNDER: Final = 1.5e-3
+UNDER = 1.5e-3
 """Depth of the drawn link under its surface, m: more than facets are off, so that boards stay in front."""
-ROUND: Final = 64
+ROUND = 64
 """Facets of a round link: on a radius of 80 mm they are 0.1 mm inside of it."""
-BOARD_EDGE: Final = 5
+BOARD_EDGE = 5
 """Points along an edge of a board, 12.5 mm apart: on a radius of 40 mm a facet is 0.5 mm off, below OVER."""
-OVER: Final = 0.8e-3
+OVER = 0.8e-3
 """Height of a tactel over its board, m: a flat disc of 9.5 mm on a radius of 40 mm bends away by 0.3 mm."""
-RIM: Final = 16
+RIM = 16
 """Corners of a disc."""
-N_LABELS: Final = 24
+N_LABELS = 24
 """Labels of contacts: more are not read."""
-ARROW: Final[dict[str, Any]] = {"shaft_radius": 0.0014, "head_radius": 0.0036, "head_length": 0.009}
-TRUE_ARROW: Final[dict[str, Any]] = {"shaft_radius": 0.0009, "head_radius": 0.0025, "head_length": 0.007}
-VIEW: Final = np.array([0.4, -1.05, 0.85])
+ARROW: dict[str, Any] = {"shaft_radius": 0.0014, "head_radius": 0.0036, "head_length": 0.009}
+TRUE_ARROW: dict[str, Any] = {"shaft_radius": 0.0009, "head_radius": 0.0025, "head_length": 0.007}
+VIEW = np.array([0.4, -1.05, 0.85])
 """Where the camera is, in sizes of the arm from its middle: from the side and above."""
-ASPECT: Final = 1.05
+ASPECT = 1.05
 """Width by height of a page on which the arm fills the width from there."""
-LIT: Final = 1.1 * colours.LIGHT
+LIT = 1.1 * colours.LIGHT
 """Light on a surface that faces the camera, about."""
-FILL: Final = colours.LIGHT * np.pi
+FILL = colours.LIGHT * np.pi
 """Intensity of the ambient light: most of the light is the same for all directions, as colours are read."""
-SUN: Final = 0.15 * FILL
+SUN = 0.15 * FILL
 """Of the light from above, which shows the shape."""
-PLAIN: Final[dict[str, Any]] = {"cast_shadow": False, "receive_shadow": False}
-LINES: Final = {"boards": 3.0, "ellipses": 2.5, "truths": 2.5}
+PLAIN: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
+LINES = {"boards": 3.0, "ellipses": 2.5, "truths": 2.5}
 """Lines of a drawing, and their thickness in pixels."""
-BONES: Final = 12.0
+BONES = 12.0
 """Pixels, of the lines from joint to joint that are drawn of a robot; its shapes hide them."""
 
 
