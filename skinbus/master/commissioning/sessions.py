@@ -146,42 +146,27 @@ class _Session(Generic[T]):
     n_surplus: int = 0
 
 
-class Sessions(Generic[T]):
+class Sessions(dict[int, _Session[T]]):
     """The sessions under way, by a number of the caller's choice: the patch, or the node-ID."""
 
     def __init__(self, timeouts: Timeouts | None = None) -> None:
-        self._sessions: dict[int, _Session[T]] = {}
+        super().__init__()
         self._timeouts = timeouts or Timeouts()
-
-    def __contains__(self, key: int) -> bool:
-        return key in self._sessions
-
-    def __len__(self) -> int:
-        return len(self._sessions)
 
     @property
     def n_answering(self) -> int:
         """Those whose node has answered."""
-        return sum(session.has_answered for session in self._sessions.values())
+        return sum(session.has_answered for session in self.values())
 
     @property
     def wake_ns(self) -> int:
         """Time of the next time-out (ns)."""
-        return min((session.under_way.wake_ns for session in self._sessions.values()), default=NEVER)
+        return min((session.under_way.wake_ns for session in self.values()), default=NEVER)
 
     def begin(self, now_ns: int, key: int, node_id: int, script: Generator[Any, Any, T]) -> list[Frame]:
         """Begin a script, dropping one under way with the same key; return its first frames."""
-        session = _Session(script, node_id, self._open(next(script), node_id))
-        self._sessions[key] = session
+        self[key] = session = _Session(script, node_id, self._open(next(script), node_id))
         return session.under_way.step(now_ns, ())
-
-    def drop(self, key: int) -> None:
-        """Drop a session, if there is one with this key."""
-        self._sessions.pop(key, None)
-
-    def clear(self) -> None:
-        """Drop all."""
-        self._sessions.clear()
 
     def step(
         self, now_ns: int, answers: Mapping[int, Sequence[Frame]]
@@ -189,12 +174,12 @@ class Sessions(Generic[T]):
         """Take frames by key; return the next frames, and what the scripts that have ended returned."""
         out: list[Frame] = []
         ended: list[tuple[int, T]] = []
-        for key, session in list(self._sessions.items()):
+        for key, session in list(self.items()):
             if key in answers or session.under_way.wake_ns <= now_ns:
                 try:
                     out += self._advance(now_ns, session, answers.get(key, ()))
                 except StopIteration as end:
-                    self.drop(key)
+                    del self[key]
                     ended.append((key, end.value))
         return out, ended
 

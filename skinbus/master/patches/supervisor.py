@@ -381,7 +381,7 @@ class Supervisor(PatchMonitor):
         if self.table.is_running[p]:
             self.table.enter(p, PatchState.BOOTING)
         self._due[:, p] = NEVER
-        self._sessions.drop(p)
+        self._sessions.pop(p, None)
         if p in self._ready:
             self._ready.remove(p)
 
