@@ -60,7 +60,7 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
         ]
         if len(own) != 1:
             seen = f"{row['node_id']:g}" + (f" of bus {bus}" if bus else "")
-            faults.append(Fault(f"line {line}, node_id", seen, f"a patch of the arm{which}"))
+            faults.add(f"line {line}, node_id", seen, f"a patch of the arm{which}")
             continue
         (p,), force = own, row.get("force_n", math.nan)
         gain = arm.tactel_gain[arm.tactels_of(p)]
@@ -69,16 +69,16 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
         )
         if force < 0.0:
             wanted = "a positive number; 0 where nothing touches; or nothing"
-            faults.append(Fault(f"line {line}, force_n", force, wanted))
+            faults.add(f"line {line}, force_n", force, wanted)
         elif np.isnan(readings).all():
-            faults.append(Fault(f"line {line}", "no reading", f"some of p1 to p{len(gain)}"))
+            faults.add(f"line {line}", "no reading", f"some of p1 to p{len(gain)}")
         presses.append(Press(p, 1e-3 * row["s_mm"], 1e-3 * row["a_mm"], force, readings, line, np.abs(noise)))
     touching = [press for press in presses if press.force != 0.0]
     if 0 < (unknown := sum(math.isnan(press.force) for press in touching)) < len(touching):
         seen = f"empty in {unknown} of {len(touching)} presses"
-        faults.append(Fault("force_n", seen, "all of them, or none if it is the same in all"))
+        faults.add("force_n", seen, "all of them, or none if it is the same in all")
     if not (touching or faults):
-        faults.append(Fault("file", None, "presses"))
+        faults.add("file", None, "presses")
     if faults:
         raise ConfigError(str(path), faults)
     zeros: dict[int, list[Floats]] = {}
@@ -107,9 +107,9 @@ def read_columns(
     columns = {name: np.array([row.numbers[name] for row in rows]) for name in names}
     fewest = FEWEST if "t_s" in columns else 1
     if not faults and len(rows) < fewest:
-        faults.append(Fault("file", f"{len(rows)} lines", f"{fewest} at least"))
+        faults.add("file", f"{len(rows)} lines", f"{fewest} at least")
     elif not faults and not (np.diff(columns.get("t_s", [])) > 0.0).all():
-        faults.append(Fault("t_s", "times that do not grow", "each later than the one before"))
+        faults.add("t_s", "times that do not grow", "each later than the one before")
     if faults:
         raise ConfigError(str(path), faults)
     return columns
@@ -141,8 +141,8 @@ def _read(
     rows, faults = list[Row](), FaultList()
     try:
         names = [name.strip() for name in next(filter(None, reader), [])]
-        if wrong := header_faults(names, choices, optional):
-            raise ConfigError(str(path), wrong)
+        if misspelt := header_faults(names, choices, optional):
+            raise ConfigError(str(path), misspelt)
         needed = {*next(choice for choice in choices if set(choice) <= set(names))} - {"p1"}
         for row in filter(None, reader):
             line, cells = reader.line_num, dict(zip(names, map(str.strip, row), strict=False))

@@ -112,16 +112,16 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     checked = {kind: list(_check_all(tables, kind, faults)) for kind in _MODELS}
     for kind, most in (("bus", MAX_BUSES), ("link", MAX_LINKS)):
         if (n := len(checked[kind])) > most:
-            faults.append(Fault(kind, f"{n} tables", f"at most {most}"))
+            faults.add(kind, f"{n} tables", f"at most {most}")
     links, boards = checked["link"], checked["patch"] + checked["ring"]
     for kind in ("bus", "link", "joint"):
         _check_unique("name", [(key, table.name) for key, table in checked[kind]], faults)
     channels = [(key, (bus.interface, bus.channel)) for key, bus in checked["bus"] if bus.channel]
     _check_unique("channel", channels, faults)
     if not tables.get("link"):
-        faults.append(Fault("link", None, "at least one [[link]]"))
+        faults.add("link", None, "at least one [[link]]")
     if not tables.get("patch") and not tables.get("ring"):
-        faults.append(Fault("patch", None, "at least one [[patch]] or [[ring]]"))
+        faults.add("patch", None, "at least one [[patch]] or [[ring]]")
     robot = _check(RobotTable, tables["robot"], "robot", faults) if "robot" in tables else None
     carrier = None
     if robot is not None or "robot" not in tables:  # one with faults of its own is reported there
@@ -152,7 +152,7 @@ def _names(tables: dict[str, Any], kind: str) -> list[Any]:
     return [table.get("name") for table in _tables(tables, kind)[:MAX_SHOWN] if isinstance(table, dict)]
 
 
-def _check(model: type[Table], table: Any, key: str, faults: list[Fault]) -> Any:
+def _check(model: type[Table], table: Any, key: str, faults: FaultList) -> Any:
     """Return the checked table, or None and its faults."""
     try:
         return model.model_validate(table)
@@ -161,28 +161,28 @@ def _check(model: type[Table], table: Any, key: str, faults: list[Fault]) -> Any
         return None
 
 
-def _check_all(tables: dict[str, Any], kind: str, faults: list[Fault]) -> Iterator[tuple[str, Any]]:
+def _check_all(tables: dict[str, Any], kind: str, faults: FaultList) -> Iterator[tuple[str, Any]]:
     """Yield the checked tables of an array of tables with their keys, numbered from 1."""
     for i, table in enumerate(_tables(tables, kind), 1):
         key, model = f"{kind}[{i}]", _MODELS[kind]
         if kind == "link" and isinstance(table, dict):
             surface = table.get("surface")
             if str(surface) not in SURFACES:
-                faults.append(Fault(f"{key}.surface", surface, f"one of {', '.join(SURFACES)}"))
+                faults.add(f"{key}.surface", surface, f"one of {', '.join(SURFACES)}")
                 continue
             model = SURFACES[str(surface)]
         if (checked := _check(model, table, key, faults)) is not None:
             yield key, checked
 
 
-def _check_unique(name: str, values: Sequence[tuple[str, Any]], faults: list[Fault]) -> None:
+def _check_unique(name: str, values: Sequence[tuple[str, Any]], faults: FaultList) -> None:
     """Add a fault for each value, of a table's key, that an earlier one has; of pairs the last is shown."""
     seen: dict[Any, str] = {}
     for key, value in values:
         owner = seen.setdefault(value, key)
         if owner != key:
             shown = value[-1] if isinstance(value, tuple) else value
-            faults.append(Fault(f"{key}.{name}", shown, f"another: {owner} has it"))
+            faults.add(f"{key}.{name}", shown, f"another: {owner} has it")
 
 
 def _buses(arm: ArmTable, buses: list[tuple[str, BusTable]]) -> tuple[BusSettings, ...]:
@@ -201,7 +201,7 @@ def _plug_in(
     mountings: list[Mounting],
     tables: Sequence[tuple[str, Mounted]],
     names: list[Any],
-    faults: list[Fault],
+    faults: FaultList,
 ) -> list[Mounting]:
     """Return the patches with their buses, in the order of these."""
     wanted = (
@@ -209,7 +209,7 @@ def _plug_in(
     )
     for key, table in tables:  # with one bus or none, it need not be said
         if table.bus not in (names if len(names) > 1 else [None, *names]):
-            faults.append(Fault(f"{key}.bus", table.bus, wanted))
+            faults.add(f"{key}.bus", table.bus, wanted)
     number = {key: names.index(table.bus) if table.bus in names else 0 for key, table in tables}
     placed = [replace(m, bus=number[m.key.partition("#")[0]]) for m in mountings]
     used = {m.bus for m in placed}

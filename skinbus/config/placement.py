@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from skinbus.config.arm_tables import MAX_NAME, MAX_PATCH_ID, LinkTable, PatchTable, RingTable
-from skinbus.errors import Fault
+from skinbus.errors import Fault, FaultList
 from skinbus.printable import printable
 
 Named = Mapping[str, tuple[int, LinkTable]]
@@ -43,7 +43,7 @@ def mount(
     rings: Sequence[tuple[str, RingTable]],
     named: Named,
     known: Sequence[Any],
-    faults: list[Fault],
+    faults: FaultList,
 ) -> list[Mounting]:
     """Return single patches, then the patches of rings, in the order of the file.
 
@@ -52,7 +52,7 @@ def mount(
     for key, table in (*patches, *rings):
         if table.link not in known:  # a link that has faults of its own is reported there
             names = ", ".join(printable(str(n), limit=MAX_NAME) for n in known) or "none"
-            faults.append(Fault(f"{key}.link", table.link, f"the name of a link: {names}"))
+            faults.add(f"{key}.link", table.link, f"the name of a link: {names}")
     boards = [*patches]
     for key, ring in rings:
         boards += _boards(key, ring, named, faults)
@@ -65,16 +65,16 @@ def mount(
     return mountings
 
 
-def _boards(key: str, ring: RingTable, named: Named, faults: list[Fault]) -> Iterator[tuple[str, PatchTable]]:
+def _boards(key: str, ring: RingTable, named: Named, faults: FaultList) -> Iterator[tuple[str, PatchTable]]:
     """Yield the patches of a ring and their keys; none of one that has faults."""
     last = ring.first_node_id + ring.count - 1
     if last > MAX_PATCH_ID:
-        faults.append(Fault(f"{key}.count", ring.count, f"node-IDs up to {MAX_PATCH_ID}, not {last}"))
+        faults.add(f"{key}.count", ring.count, f"node-IDs up to {MAX_PATCH_ID}, not {last}")
     elif ring.link in named and "angle_deg" not in named[ring.link][1].places:
-        faults.append(Fault(f"{key}.link", ring.link, "a cylinder or cone: a ring goes around"))
+        faults.add(f"{key}.link", ring.link, "a cylinder or cone: a ring goes around")
     elif isinstance(ring.eds, list) and len(ring.eds) != ring.count:
         wanted = f"one, or {ring.count}: one for each patch"
-        faults.append(Fault(f"{key}.eds", f"{len(ring.eds)} files", wanted))
+        faults.add(f"{key}.eds", f"{len(ring.eds)} files", wanted)
     else:
         yield from ((f"{key}#{k}", patch) for k, patch in enumerate(ring.boards(), 1))
 

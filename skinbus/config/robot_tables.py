@@ -15,7 +15,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from skinbus.config.arm_tables import LinkTable, Positive, Table, Text, beside
-from skinbus.errors import Fault
+from skinbus.errors import Fault, FaultList
 from skinbus.model.robot import JointSettings, LinkFrame, RobotSettings
 
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -54,7 +54,7 @@ def robot_settings(
     links: Sequence[tuple[str, LinkTable]],
     rate_hz: float,
     path: Path,
-    faults: list[Fault],
+    faults: FaultList,
 ) -> RobotSettings | None:
     """Return what the tables say of the robot, None without ``[robot]``; add their faults."""
     if robot is None:
@@ -78,11 +78,11 @@ def robot_settings(
     )
 
 
-def _joint(key: str, joint: JointTable, faults: list[Fault]) -> JointSettings:
+def _joint(key: str, joint: JointTable, faults: FaultList) -> JointSettings:
     given = [name for name in joint.model_fields_set if name != "name"]
     is_linear = [name.endswith("_mm") for name in given]
     if len(set(is_linear)) > 1:
-        faults.append(Fault(key, " and ".join(sorted(given)), "keys in degrees or in mm, not both"))
+        faults.add(key, " and ".join(sorted(given)), "keys in degrees or in mm, not both")
     unit, scale = ("mm", 1e-3) if any(is_linear) else ("deg", math.radians(1.0))
     fixed, sd = (getattr(joint, f"{name}_{unit}") for name in ("fixed", "sd"))
     return JointSettings(

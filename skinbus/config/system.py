@@ -131,7 +131,7 @@ def _at(mounting: Mounting, eds: str, fault: Fault) -> Fault:
     )
 
 
-def _check_geometry(arm: Arm, mountings: Sequence[Mounting], faults: list[Fault]) -> None:
+def _check_geometry(arm: Arm, mountings: Sequence[Mounting], faults: FaultList) -> None:
     """Add the faults of places on links."""
     for k, link in enumerate(arm.links):
         surface = link.surface
@@ -141,7 +141,7 @@ def _check_geometry(arm: Arm, mountings: Sequence[Mounting], faults: list[Fault]
             over = outside(surface, patch) if patch.on_chart is None else 0.0
             if over > PLACEMENT_TOLERANCE:
                 where = f"{1e3 * over:.1f} mm beyond link {link.name!r}"
-                faults.append(Fault(key, None, f"a place where it does not stick out {where}"))
+                faults.add(key, None, f"a place where it does not stick out {where}")
         places = [(patch.s, patch.a, 0.5 * math.hypot(*patch.patch.size)) for patch, _ in own]
         s, a, reach = np.reshape(places, (-1, 3)).T
         is_near = surface.distance(s[:, None], a[:, None], s, a) < reach[:, None] + reach
@@ -149,11 +149,11 @@ def _check_geometry(arm: Arm, mountings: Sequence[Mounting], faults: list[Fault]
             depth = overlap(surface, own[p][0], own[q][0])
             if depth > PLACEMENT_TOLERANCE:
                 seen = f"{1e3 * depth:.1f} mm of overlap"
-                faults.append(Fault(f"{own[p][1]} and {own[q][1]}", seen, "patches side by side"))
+                faults.add(f"{own[p][1]} and {own[q][1]}", seen, "patches side by side")
 
 
 def _check_bus(
-    arm: Arm, ods: Sequence[ObjectDictionary], mountings: Sequence[Mounting], faults: list[Fault]
+    arm: Arm, ods: Sequence[ObjectDictionary], mountings: Sequence[Mounting], faults: FaultList
 ) -> None:
     of_master = [pdo.cob_id for pdo in tpdos(load_eds("skin-master", MASTER_NODE_ID))]
     seen = {(k, cob_id): "the master" for k in range(len(arm.buses)) for cob_id in of_master}
@@ -164,14 +164,14 @@ def _check_bus(
             taken = seen.setdefault((mounting.bus, pdo.cob_id), mounting.key)
             if pdo.length > CLASSIC_BYTES and arm.buses[mounting.bus].data_bitrate is None:
                 wanted = f"at most {CLASSIC_BYTES}, or a bus with canfd = true"
-                faults.append(Fault(f"{mounting.key} TPDO {pdo.number}", f"{pdo.length} bytes", wanted))
+                faults.add(f"{mounting.key} TPDO {pdo.number}", f"{pdo.length} bytes", wanted)
             if taken != mounting.key:
                 cob_id = f"COB-ID 0x{pdo.cob_id:03X}"
-                faults.append(Fault(f"{mounting.key} TPDO {pdo.number}", cob_id, f"another: {taken} has it"))
+                faults.add(f"{mounting.key} TPDO {pdo.number}", cob_id, f"another: {taken} has it")
 
 
 def _check_mapped(
-    arm: Arm, ods: Sequence[ObjectDictionary], mountings: Sequence[Mounting], faults: list[Fault]
+    arm: Arm, ods: Sequence[ObjectDictionary], mountings: Sequence[Mounting], faults: FaultList
 ) -> None:
     """Refuse a board whose readings are not all sent: one that is missing would pass as zero."""
     seen: set[tuple[str, Settings]] = set()
@@ -186,10 +186,10 @@ def _check_mapped(
             some = ", ".join(map(str, silent[:4])) + (", ..." if len(silent) > 4 else "")
             what = f"{len(silent)} of {placed.patch.n_tactels} readings in no enabled TPDO: {some}"
             wanted = f"all of them, or their bits in {str(HEALTHY_TACTELS)!r} cleared"
-            faults.append(Fault(f"{mounting.key}.eds {placed.eds}", what, wanted))
+            faults.add(f"{mounting.key}.eds {placed.eds}", what, wanted)
 
 
-def _check_load(arm: Arm, ods: Sequence[ObjectDictionary], faults: list[Fault]) -> None:
+def _check_load(arm: Arm, ods: Sequence[ObjectDictionary], faults: FaultList) -> None:
     """Say of every bus that would be too full at which rate it would not."""
     for k, bus in enumerate(arm.buses):
         load = cyclic_load(arm, ods, k)
@@ -197,4 +197,4 @@ def _check_load(arm: Arm, ods: Sequence[ObjectDictionary], faults: list[Fault]) 
             highest = bus.rate_hz * MAX_LOAD / load
             name = f"bus {bus.name}" if bus.name else "the bus"
             full = f"{name} would be {100 * load:.0f} % full, {100 * MAX_LOAD:.0f} % is the limit"
-            faults.append(Fault("arm.rate_hz", bus.rate_hz, f"at most {highest:.1f}: {full}"))
+            faults.add("arm.rate_hz", bus.rate_hz, f"at most {highest:.1f}: {full}")

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import Any
 
-from skinbus.errors import Fault
+from skinbus.errors import Fault, FaultList
 
 _OF_TYPES = re.compile(
     r"(float|int|str|bool|list|tuple|dict|\[key\])|(constrained|function|nullable)-.*|.*\[.+\]"
@@ -70,29 +70,30 @@ def nearest(word: str, known: Sequence[str]) -> str:
 
 def header_faults(
     names: Sequence[str], choices: Sequence[Sequence[str]], optional: Sequence[str] = ()
-) -> list[Fault]:
+) -> FaultList:
     """Return what is wrong in the header of a table: needed columns that are not there, and misspelt ones.
 
     names:    of its columns
     choices:  columns of which those of one choice are needed; the nearest one is held against the table
     optional: columns that nobody misses; a name that is nearly one of them is a fault, others are not
     """
+    faults = FaultList()
     if len(names) == 1 and (other := re.search(r"[;\t|]", names[0])):
-        return [Fault("line 1", f"divided by {other[0]!r}", "commas between columns, and points in numbers")]
+        faults.add("line 1", f"divided by {other[0]!r}", "commas between columns, and points in numbers")
+        return faults
     alike = {_plain(name) for name in names}
     needed = min(choices, key=lambda choice: len({*map(_plain, choice)} - alike))
     known = (*needed, *optional)
     left = {_plain(name): name for name in names if name not in known}
-    faults = []
     for column in known:
         n = names.count(column)
         cutoff = _MISSPELT if column in optional else _AS_A_COLUMN
         near = get_close_matches(_plain(column), [*left], n=1, cutoff=cutoff) if n == 0 else []
         if n > 1:
-            faults.append(Fault("line 1", f"{n} columns {column!r}", "each column once"))
+            faults.add("line 1", f"{n} columns {column!r}", "each column once")
         elif near or (n == 0 and column in needed):
             seen = left.pop(near[0]) if near else None
-            faults.append(Fault("line 1", seen, f"a column {column!r}, of {', '.join(needed)}"))
+            faults.add("line 1", seen, f"a column {column!r}, of {', '.join(needed)}")
     return faults
 
 
