@@ -49,12 +49,10 @@ MISSED = {
     ),
     "tests/skin/test_simulated_covers.py::"
     "test_a_finger_is_where_it_is_in_the_world_and_a_palm_over_a_seam_is_one_contact": "the palm is two",
-    **{
-        f"tests/socketcan/test_gateway.py::test_a_touch_of_such_a_skin_is_a_contact_on_the_bus[{skin}]": (
-            "passes on an idle machine; on a slow CPU the gateway falls behind its boards"
-        )
-        for skin in ("icub-mtb4-addresses0-5-2", "xela-uskin-addresses1-4-4")
-    },
+    "tests/socketcan/test_gateway.py::"
+    "test_a_touch_of_such_a_skin_is_a_contact_on_the_bus[xela-uskin-addresses1-4-4]": (
+        "on a slow CPU boards, gateway and master need more than all of it: they send 4800 frames/s"
+    ),
     "tests/socketcan/test_faults.py::test_loss_while_the_reader_stands_still_is_published_to_the_frame": (
         "on a busy machine later errors push the overflow out of the four newest"
     ),
