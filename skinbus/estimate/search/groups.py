@@ -2,9 +2,9 @@
 
 All groups are fitted before any is searched: what a contact presses beside it is known only then. The search
 of a group keeps a list of hypotheses. It begins with the contacts of that fit, and tries the moves from the
-best hypothesis that was not expanded yet. ``fit`` ends when the best hypothesis explains the readings and was
-expanded; ``full``, and ``fit`` of a misfit, when ``PATIENCE`` rivals were expanded after it or none near it
-is left. The budget is asked before each hypothesis.
+best hypothesis, until nothing better comes of them; then, at ``full`` and where the best misfits, from the
+best rival. ``full`` also adds contacts to a hypothesis that explains the readings. The budget is asked before
+each hypothesis.
 """
 
 from __future__ import annotations
@@ -35,8 +35,6 @@ from skinbus.estimate.search.model import press, weigh
 from skinbus.estimate.search.moves import expand
 from skinbus.jit import inner_kernel
 
-PATIENCE: Final = 1
-"""Rivals of the best hypothesis that are expanded after it, at ``full`` and where the best misfits."""
 ODDS_MOVED: Final = -3.0
 """Log prior odds that the zeros of boards have moved since a baseline has seen them."""
 
@@ -211,7 +209,7 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
 
 @inner_kernel
 def search_group(lay: Layout, w: Work, q: Search, link: int, full: bool) -> None:
-    """Expand the best hypotheses until the best of all, and ``PATIENCE`` rivals of it, are expanded."""
+    """Expand the best hypothesis until nothing better comes of it; of a misfit, and at ``full``, a rival."""
     weighed, since = q.h_count[0], 0
     weigh_offsets(lay, w, q, link)
     while not is_over(w):
@@ -224,7 +222,7 @@ def search_group(lay: Layout, w: Work, q: Search, link: int, full: bool) -> None
             if not q.h_done[g] and q.h_score[g] > top:
                 h, top = g, q.h_score[g]
         since = 0 if h == best else since + 1
-        if h < 0 or since > (PATIENCE if full or misfit(q, best) > 1.0 else 0):
+        if h < 0 or since > int(full or misfit(q, best) > 1.0):
             break
         q.h_done[h] = True
         expand(lay, w, q, link, h, full)

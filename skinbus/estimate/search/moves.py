@@ -35,7 +35,8 @@ FELT, ENOUGH = 3.0, 4
 """Standard deviations from which on a residual may be a contact; tactels that a contact presses by their
 threshold, from which on its place has one mode."""
 AROUND, DIRECTIONS = 0.6, 5
-"""Pitches at which places around a contact are tried, and how many: one is towards the nearest tactel."""
+"""Pitches at which places around a contact are tried, beyond its own mode but before the next tactel, and how
+many: one is towards the nearest tactel."""
 EVIDENT: Final = 16.0
 """chi^2 from which on another contact can gain more than it costs."""
 PER_CONTACT: Final = 5
