@@ -42,3 +42,31 @@ def test_a_patch_that_stays_stopped_is_reset_more_and_more_rarely():
     bench.pass_ms(12_000)
     resets = [f for f in bench.frames if (f.can_id, f.data) == (cia.NMT_COMMAND_ID, b"\x82\x01")]
     assert 3 <= len(resets) <= 6
+
+
+class Busy(Wrapped):
+    """It takes the start command half a second late, as on a machine that is overloaded."""
+
+    late_ns, start = 500_000_000, None
+
+    def step(self, now_ns, frames):
+        for frame in frames:
+            if (frame.can_id, frame.data[:1]) == (cia.NMT_COMMAND_ID, b"\x01"):
+                self.start = now_ns + self.late_ns, frame
+        frames = [f for f in frames if self.start is None or f != self.start[1]]
+        if self.start and now_ns >= self.start[0]:
+            frames, self.start = [*frames, self.start[1]], None
+        step = self.device.step(now_ns, frames)
+        return step._replace(wake_ns=min(step.wake_ns, self.start[0])) if self.start else step
+
+
+def test_a_patch_that_is_started_late_by_half_a_second_is_started_once():
+    device, events = patch(1), []
+    device.set(cia.HEARTBEAT_PRODUCER, 0, 100)
+    bench = Bench(Busy(device))
+    master = Master(load_arm("pad"), level="kmeans")
+    bench.wire.attach(master, on_event=events.append)
+    bench.pass_ms(2000)
+    assert [event.kind for event in events].count("patch-started") == 1
+    assert master.table.restarts[0] == 0
+    assert master.table.is_running[0]
