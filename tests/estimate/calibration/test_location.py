@@ -94,9 +94,7 @@ def test_what_presses_do_not_determine_stays_and_is_named(tmp_path):
 def test_a_press_without_a_contact_or_with_two_is_not_used(tmp_path):
     planned, _, presses = small(tmp_path, n=6)
     presses[1] = presses[1]._replace(readings=np.zeros(16))
-    two = np.zeros(16)
-    two[[0, 15]] = 40e3
-    presses[4] = presses[4]._replace(readings=two)
+    presses[4] = presses[4]._replace(readings=presses[2].readings + presses[5].readings)
     (board,) = locate(planned, presses).boards
     assert board.unusable == (1, 4)
     (none,) = locate(planned, [press._replace(readings=np.zeros(16)) for press in presses]).boards
