@@ -42,7 +42,7 @@ all of it is below the threshold for so long (200 Pa/s and more never was, in 45
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -55,64 +55,64 @@ from skinbus.model import Arm
 
 Touches = npt.NDArray[np.int8]
 
-STEP_MOST_S: Final = 1.0
+STEP_MOST_S = 1.0
 """A longer gap counts as this: nothing is learned from time in which nothing was read."""
-ADJOINING: Final = 10e-3
+ADJOINING = 10e-3
 """Patches whose corners may be this close adjoin, m: the reach of a contact's skirt."""
-TAU_S: Final = 30.0
+TAU_S = 30.0
 """Time constant of following, s: long against a touch, short against warming up."""
-SETTLE_S: Final = 1.0
+SETTLE_S = 1.0
 """Time from a release until zeros are followed again, s: creep of the cover is over for the most part."""
-DRIFT_S: Final = 60.0
+DRIFT_S = 60.0
 """The declared drift is the standard deviation of the change of a zero in this time, s."""
-FORGET_S: Final = 10.0
+FORGET_S = 10.0
 """A patch that was touched and is not read for so long counts as free, s: else those beside it would never
 be followed again. Twice the time after which the master resets a patch that sends no readings."""
 
 # --- Noise -----------------------------------------------------------------------------------------
-SIGMAS: Final = 6.0
+SIGMAS = 6.0
 """Threshold over noise: 400 tactels at 50 Hz give a false touch in 14 hours (at 5: in 3 minutes)."""
-CLIP: Final = 3.0
+CLIP = 3.0
 """What is further from the zero than this many standard deviations counts as that many."""
-CLIPPED_VARIANCE: Final = 0.9950
+CLIPPED_VARIANCE = 0.9950
 """Mean of min(z^2, 9) for a standard normal z."""
-NOISE_LEAST: Final = 0.1
+NOISE_LEAST = 0.1
 """Least noise of a tactel with a zero, share of the declared one: quantised readings may show none at all.
 Without a zero it is at least the declared one."""
-NOISE_S: Final = 10.0
+NOISE_S = 10.0
 """Time constant of the noise estimate, s; sooner after the start it is the mean of all readings."""
-YOUNG_CYCLES: Final = 50
+YOUNG_CYCLES = 50
 """Readings in which the noise of a tactel is measured, if it is free itself, whatever touches its patch: else
 one that is noisy would touch again and again before its noise is known."""
 
-SECOND_DIFFERENCE: Final = 6.0
+SECOND_DIFFERENCE = 6.0
 """Variance of p[t] - 2 p[t-1] + p[t-2], in variances of white noise; of a touch that grows evenly it is 0."""
 
 # --- Zeros -----------------------------------------------------------------------------------------
-EXPLAINED: Final = 3.0
+EXPLAINED = 3.0
 """Standard deviations of a zero within which drift explains a reading: chance exceeds them once in 370."""
-WINDOW_CYCLES: Final = 10
+WINDOW_CYCLES = 10
 """Least readings in a row that take a tactel out of its band, back into it, its zero down, or a touch for
 drift: one that is wrong by a bit does not."""
-CALM_S: Final = 0.5
+CALM_S = 0.5
 """Time that makes a first zero, time below a zero that takes it down, and in which drift explains all that is
 left of a touch, s."""
-MOST_GAIN: Final = 0.05
+MOST_GAIN = 0.05
 """Share of one reading in a zero, at most: after a minute without observation a zero is less certain than one
 reading, but twenty readings are better than one, and 0.4 s later."""
-GAIN_S: Final = 0.4
+GAIN_S = 0.4
 """... and at high rates in this time: what fell below its zero may come back for as long."""
-COMMON: Final = 2.0
+COMMON = 2.0
 """The zeros of a board drift together by this much more than they drift apart: they share temperature and
 supply."""
 
 # --- Creep -----------------------------------------------------------------------------------------
-CREEP: Final = 0.05
+CREEP = 0.05
 """Standard deviation of what a cover still shows of a press that has gone, of the press: soft silicones creep
 by 2 to 10 % (doi 10.1089/soro.2015.0002)."""
-CREEP_RISE_S: Final = 1.0
+CREEP_RISE_S = 1.0
 """What creeps at once is there after a press of so long, s; ..."""
-CREEP_FALL_S: Final = 20.0
+CREEP_FALL_S = 20.0
 """... and what creeps slowly goes in so long, s."""
 
 

@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -45,24 +45,24 @@ from skinbus.model import Arm
 
 Ints = npt.NDArray[np.intp]
 
-REACH: Final = 35e-3
+REACH = 35e-3
 """Distance within which a press is felt and tactels are summed, m. Under a layer of 6 mm, 4 % of its force
 lie beyond 20 mm, and outer tactels of usual boards side by side are 21 mm apart."""
-SEAM_MOST: Final = 5e-3
+SEAM_MOST = 5e-3
 """Boards that are this close share the seam between them, m."""
-FINENESS: Final = 20
+FINENESS = 20
 """Points per pitch along each axis by which cells are measured."""
-USUAL_N: Final = 5.0
+USUAL_N = 5.0
 """Force at which the share that a board feels is integrated, N."""
-NEXT: Final = 1.75
+NEXT = 1.75
 """Tactels closer than so many sides of their cells are neighbours: diagonals, and those across a seam."""
-BORDER: Final = 1.0 / 12.0
+BORDER = 1.0 / 12.0
 """Variance of the share of a cell that is pressed at the border of a touch: anything from 0 to 1."""
-HIDDEN_MOST: Final = 10.0
+HIDDEN_MOST = 10.0
 """Force that a gap may hide, N, at most: where a law says that nothing is felt, it says no force."""
-SPREAD: Final = 0.02
+SPREAD = 0.02
 """Error of the sum of a press on many tactels, share of the force: law and edges of boards."""
-DIFFERENT: Final = 2.25
+DIFFERENT = 2.25
 """Standard deviations between load and contacts beyond which their forces do not add up."""
 
 

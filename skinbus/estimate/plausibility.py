@@ -32,7 +32,7 @@ from __future__ import annotations
 
 import math
 from enum import IntFlag
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -50,7 +50,7 @@ Singles = npt.NDArray[np.float32]
 Rows = npt.NDArray[Any]
 
 BAND, RAIL, FROZEN, DEAD, JUMPING = 1, 2, 4, 8, 16
-JUDGED: Final = RAIL | FROZEN | DEAD | JUMPING
+JUDGED = RAIL | FROZEN | DEAD | JUMPING
 """What is found here; of its band the baseline knows."""
 
 
@@ -66,48 +66,48 @@ class TactelFault(IntFlag):
     JUMPING = JUMPING
 
 
-RETURN_S: Final = 1.0
+RETURN_S = 1.0
 """A tactel that has been plausible for so long is used again, s."""
 
 # --- Rails and jumps -------------------------------------------------------------------------------
-BOTTOM: Final = 0.95
+BOTTOM = 0.95
 """Of full scale below zero: no healthy tactel reads so little."""
 RAIL_S, RAIL_READINGS = 0.2, 5
 """At a rail for so long, and so many readings: within half a second at 10 Hz and more, and no bit error."""
-LEAST_FULL: Final = 4
+LEAST_FULL = 4
 """Tactels of a board that all of them are: one contact may saturate fewer."""
-CRUSHED: Final = 0.5
+CRUSHED = 0.5
 """Of full scale: a supply that fails comes from below it at once."""
-JUMP_SHARE: Final = 0.5
+JUMP_SHARE = 0.5
 """Of full scale: what comes there by more, and alone, is stuck."""
 JUMPS, JUMPS_S = 4.0, 5.0
 """So many within so long, s: a bit error now and then is not a fault of the tactel."""
-JUMP_SIGMAS: Final = 12.0
+JUMP_SIGMAS = 12.0
 """A jump, in standard deviations of noise, and at least the touch threshold: twice what is a touch."""
-UNMOVED: Final = 2.5
+UNMOVED = 2.5
 """Root mean square of the changes of readings beside a jump, in standard deviations of noise, that is none. A
 tip of 2 mm with 1 N in the middle of a tactel changes the four beside it by 2 each."""
-LONE: Final = 0.2
+LONE = 0.2
 """Of what the narrowest contact gives the neighbours of a tactel they read at least this part: gains differ
 by 10 %, and the skirt of a tip of 2 mm is half of what the law, made so narrow, says."""
-LONE_SURE: Final = 3.0
+LONE_SURE = 3.0
 """Standard deviations by which all neighbours together read less than that: what real contacts make them read
 is 7 more, and once in a thousand cycles a tactel that only looks so is missing."""
-BEYOND: Final = 4.0
+BEYOND = 4.0
 """Highest peak of a contact beside a tactel that is considered, in full scales: 170 N on the usual board."""
 
 # --- Readings that come again ----------------------------------------------------------------------
-SHOWN: Final = 0.45
+SHOWN = 0.45
 """Share of readings of a free tactel that come again, with four standard errors, below which noise shows at
 every pressure. Noise of less than half a step repeats half of them where it is between two steps, and all in
 the middle of one."""
-FORGET_CYCLES: Final = 2000
+FORGET_CYCLES = 2000
 """It is that of the last so many cycles."""
-SUSPECT: Final = math.log(1e-5)
+SUSPECT = math.log(1e-5)
 """Chance of repetitions of tactels in a row to be new samples, below which they are missing."""
-REPEAT_CHANCE: Final = math.log(1e-9)
+REPEAT_CHANCE = math.log(1e-9)
 """The same of a whole board: once in eleven days at 1 kHz."""
-CHANCE: Final = 2.0 * math.log(1e-15)
+CHANCE = 2.0 * math.log(1e-15)
 """Of one run of readings to call a healthy tactel frozen: 400 tactels at 1 kHz have 10^13 runs in a year. It
 counts twice: a pressed reading may lie in the middle of a step, where it changes less often."""
 
@@ -119,14 +119,14 @@ PLACES, SPAN = 17, 1.75
 """Places of a contact that are tried along each axis, and how far they reach, in pitches. Any contact that is
 felt beside a tactel, but not by it, is among them, and a reading changes by no more than the law's error from
 one to the next."""
-IN_LINE: Final = 0.25
+IN_LINE = 0.25
 """Pitches off a line by which a tactel is in it."""
-STEP: Final = 2.0 * SPAN / (PLACES - 1)
-LIGHT_N: Final = 1.0
+STEP = 2.0 * SPAN / (PLACES - 1)
+LIGHT_N = 1.0
 """Force by whose law a reading is judged beside others, N."""
-WIDTH: Final = 0.92
+WIDTH = 0.92
 """Of the narrowest contact, a tip of 2 mm, part of that of the law."""
-CLEAR: Final = 5.0
+CLEAR = 5.0
 """Standard deviations of noise: a prediction below proves nothing by its absence."""
 LIKELY, MISFIT, TOLERANCE = 6.0, 1.0, 0.1
 """chi^2 within which another place explains the neighbours too; chi^2 of each neighbour beyond which none
@@ -137,10 +137,10 @@ that look like one, and press the same place again and again."""
 DEAD_SHARE, SURE = 0.1, 2.0
 """A dead tactel reads less than this part of the least it should have, by so many standard deviations: beside
 a tip of 2 mm, for which the law is too wide, a healthy one may read a tenth."""
-FEELS: Final = 6.0
+FEELS = 6.0
 """Standard deviations from which a tactel feels something, and half of its threshold: it is not dead."""
 
-TACTEL: Final = record(
+TACTEL = record(
     {
         "f8": "high low sigma touch quiet value change felt cycles changes jumps good_s due shown",
         "i8": "first last still rail_n lone_n touches first_cell",
@@ -162,7 +162,7 @@ evident      it should have felt something in this touch; touches: in a row of w
 due, shown   sums in noise: of the square of what it should have read at least; times what it read
 first_cell   place of the first touch that it should have felt
 """
-BOARD: Final = record(
+BOARD = record(
     {
         "i8": "start stop own_row turn n_faulty",
         "f8": "quiet_s",
@@ -176,7 +176,7 @@ quiet_s      since the board was touched
 is_full      all readings are at full scale, and came there at once; is_crushed: half were near it before
 is_repeated  its readings are too unlikely to be new; is_withheld: that, or full
 """
-BESIDE: Final = record({"i8": "tactel row line", "b1": "is_next"})
+BESIDE = record({"i8": "tactel row line", "b1": "is_next"})
 """A neighbour of a tactel, its row of ``law``, whether it is one step away, diagonals too, and whether it is
 in line with the tactel along v (1), along u (2) or not (0)."""
 

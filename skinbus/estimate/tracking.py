@@ -47,7 +47,7 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass, fields
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -63,9 +63,9 @@ from skinbus.model import Arm
 
 Rows = npt.NDArray[Any]
 
-MAX_TRACKS: Final = 64
+MAX_TRACKS = 64
 """Most tracks, and most contacts of a cycle that are looked at (the strongest); the wire shows 16."""
-N_IDS: Final = 255
+N_IDS = 255
 """Identities on the wire are one byte; 0 is none."""
 
 # --- Measurement -----------------------------------------------------------------------------------
@@ -80,59 +80,59 @@ RESUMED, UNKNOWN, LEAST, MOST = np.array(
 """Standard deviations of s, a (m) and force (N), and what is added for each N: of a contact after a restart,
 half a pitch; of one without covariance, K-means errs by 1-4 mm and 7-18 %; the least of one with covariance,
 a count on the wire; the most, half a patch: a contact is known to be on its patch."""
-CROWD: Final = 30e-3
+CROWD = 30e-3
 """Contacts with two tracks this close are crowded, m: their pressures overlap on three pitches."""
 SIGMA_CROWD, FORCE_CROWD = 4e-3, 0.5
 """Place error of a crowded contact on top of its covariance, m: the worst of K-means; force error, share of
 the force: two that overlap are badly distinguished."""
-FAR: Final = np.array([1e3, 1e3, 1e9])
+FAR = np.array([1e3, 1e3, 1e9])
 """s, a (m) and forces (N) beyond these are no contacts."""
 
 # --- Motion ----------------------------------------------------------------------------------------
-ACCELERATION: Final = (0.01, 0.01, 0.0)
+ACCELERATION = (0.01, 0.01, 0.0)
 """White acceleration of s and a, m^2/s^3: 14 mm/s of change in 20 ms, as of a sliding hand (0.7 m/s^2)."""
-WALK: Final = (0.0, 0.0, 100.0)
+WALK = (0.0, 0.0, 100.0)
 """Random walk of the force, N^2/s: 1.4 N in 20 ms."""
-SIGMA_SPEED: Final = 0.7
+SIGMA_SPEED = 0.7
 """Speed of a contact that has just come, m/s: a hand that wipes has 1."""
-MANOEUVRE: Final = 0.25
+MANOEUVRE = 0.25
 """Sudden change of speed that keeps an identity, m/s, one sigma; the gate takes four of it."""
-MANOEUVRE_MOST: Final = 10e-3
+MANOEUVRE_MOST = 10e-3
 """Most that this adds to the gate, m, one sigma: the pitch of the tactels."""
 
 # --- Association -----------------------------------------------------------------------------------
-GATE: Final = 18.4
+GATE = 18.4
 """Largest normalised distance squared: 99.99 % of chi-squared with 2 degrees of freedom."""
-FORCE_MOST: Final = 9.0
+FORCE_MOST = 9.0
 """Most that the force adds to the cost: an impact changes the force, never the identity."""
-COST_HIDDEN: Final = 19.0
+COST_HIDDEN = 19.0
 """What a hidden track pays, over GATE: of two that share a contact the same one shows it all the time."""
-COST_AGAIN: Final = 1000.0
+COST_AGAIN = 1000.0
 """Cost of a pair by distance alone: far over GATE + FORCE_MOST + COST_HIDDEN + log det, which is at most 57,
 so that no such pair takes a contact from one by the gate."""
-COST_NONE: Final = 1010.0
+COST_NONE = 1010.0
 """Cost of leaving a pair apart: over that of any pair, and under that of two by distance alone."""
-REACH: Final = 50e-3
+REACH = 50e-3
 """No pair is further apart than this on the surface, m, whatever the covariance says: one patch."""
-AGAIN_REACH: Final = 20e-3
+AGAIN_REACH = 20e-3
 """A contact that no track expects is that of one which is missed, if it is so near, m: two pitches. Estimates
 at seams jump by one, and fingers that lift and touch in turn are further apart."""
 
 # --- Life ------------------------------------------------------------------------------------------
-COAST_CYCLES: Final = 2
+COAST_CYCLES = 2
 """Cycles that a track may miss for no reason."""
-MERGE_NS: Final = 1_000_000_000
+MERGE_NS = 1_000_000_000
 """Longest time that a track may be hidden by another contact."""
-MERGE_REACH: Final = 40e-3
+MERGE_REACH = 40e-3
 """Two contacts closer than this may be seen as one, m: four pitches, where one of them is in a gap."""
-MERGE_SHARE: Final = 0.2
+MERGE_SHARE = 0.2
 """Share of the hidden contact's force that the common one must show over that of the other."""
-GAP: Final = (1.0, 1.6)
+GAP = (1.0, 1.6)
 """A place so far from all tactels is in a gap, pitches: nearer ones feel a finger of 2 N; the middle of a
 corner of four boards is 1.5 away, and what is further is off the skin."""
-SPEED_MOVE: Final = 0.02
+SPEED_MOVE = 0.02
 """A contact faster than this moves, m/s, if it is also three sigmas of the speed; ..."""
-SPEED_HELD: Final = 0.01
+SPEED_HELD = 0.01
 """... and is held again below this."""
 
 FREE, TOUCH, HELD, LIFT, COAST, MOVE = range(6)
@@ -205,7 +205,7 @@ class KeptTrack(NamedTuple):
     force: float
 
 
-TRACK: Final = record(
+TRACK = record(
     {
         "i8": "identity id slot state row link patch born_ns seen_ns updated_ns missed",
         "b1": "doubted shared is_hidden moving",
@@ -223,11 +223,11 @@ is_hidden  it may be a part of the contact of another track, which is ...
 doubted    the last contact was off its line, and not taken in
 shared     ... this one
 """
-CONTACT: Final = record({"i8": "link patch row track age_ns", "b1": "is_crowded", "3f8": "z r"})
+CONTACT = record({"i8": "link patch row track age_ns", "b1": "is_crowded", "3f8": "z r"})
 """A contact of this cycle, its row and the track it went to, -1 for none; z is s, a, force, r their
 variances."""
-_TIMES: Final = ("born_ns", "seen_ns", "updated_ns")
-_PUBLIC: Final = [field.name for field in fields(Tracks) if field.name in set(TRACK.names or ()) - {"mean"}]
+_TIMES = ("born_ns", "seen_ns", "updated_ns")
+_PUBLIC = [field.name for field in fields(Tracks) if field.name in set(TRACK.names or ()) - {"mean"}]
 
 
 class Tracker:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,36 +20,36 @@ from skinbus.estimate.calibration.location import PLACE_SD, fit_pose
 from skinbus.estimate.calibration.table import Ints, PressTable
 from skinbus.estimate.calibration.validation import HeldOutErrors, cross_validate, errors_of, learn
 
-MAX_OUTLIERS: Final = 0.15
+MAX_OUTLIERS = 0.15
 """Part of the presses that may be left out: a tenth is usual for presses by hand, and some go with them."""
 OFF, OFF_M = 6.0, 1e-3
 """A press is an outlier when it is estimated so many times the usual error from its place, and what the
 estimator says of its own, and so far (m)."""
-FAR_FORCE: Final = math.log(2.5)
+FAR_FORCE = math.log(2.5)
 """Logarithm of the factor by which the force of a press may differ from that of its readings: one of ten
 times the force would bend the law before it stands out."""
 MAX_ERROR_M, MAX_ERROR = 1e-3, 0.1
 """Errors to expect that are refused: m, and of the pitch; the larger of the two. Boards of few tactels and
 coarse readings have no better places, however they are pressed."""
-SAME: Final = 1.03
+SAME = 1.03
 """Errors to expect, as a ratio, up to which they are the same."""
 GOOD, GOOD_FORCE = 0.03, 0.05
 """Errors to expect that are called good: of the pitch, what boards of rubber reach with a hundred presses,
 and of the force, what scales of 3 % leave, and no change of unit, tare or drift."""
 
-RIM: Final = 0.3
+RIM = 0.3
 """Pitches around the tactels beyond which a place is compared as if it were there."""
 SUSPECT_M, BETTER, ABOUT_AS_WELL = 0.5e-3, 0.6, 1.25
 """m, between places and readings from which other hypotheses are looked at. They explain it when they leave
 at most that part of it; the first wins among those that leave no more than that ratio of the least."""
-FEWEST_COMPARED: Final = 8
+FEWEST_COMPARED = 8
 """Presses below which medians compare nothing."""
 FEWEST, FEWEST_EACH = 30, 10
 """Presses of a kind of board, and of each board: fewer leave the law, or gains, to chance."""
 NEAR, WITHIN = 1.25, 1.2
 """Pitches within which a tactel needs a press, or its gain is not known; and those up to which the profile of
 the law must be known: places follow from the flank."""
-MOST_BARE: Final = 0.15
+MOST_BARE = 0.15
 """Part of the tactels of a board that may have none; their gains stay as they are, and are named."""
 GAP, UNEVEN = 0.35, 0.2
 """Pitches without a press that has a tactel at such distances: the law is not known there; not measured."""
@@ -57,14 +57,14 @@ AWAY, FEWEST_AWAY, MOST_AWAY = 0.02, 3, 0.02
 """m, from which rubber leaves less than 1 % of a press; presses from which the median of what a tactel reads
 so far away is known; and the part of a strong press that this may be: 3 to 5 % move places by
 a millimetre."""
-FACTOR: Final = math.sqrt(10.0)
+FACTOR = math.sqrt(10.0)
 """By which pressures and forces may disagree: between it and its inverse lies one decade."""
-MAX_FORCE_ERROR: Final = 0.3
+MAX_FORCE_ERROR = 0.3
 """Relative error of force, 68 % of the presses, beyond which forces belong to other presses."""
 
-LENGTHS: Final = {"m": 1e3, "cm": 10.0, "inches": 25.4, "um": 1e-3}
+LENGTHS = {"m": 1e3, "cm": 10.0, "inches": 25.4, "um": 1e-3}
 """Factors from what was written as mm to what it was."""
-COLUMNS: Final = {
+COLUMNS = {
     "s and a swapped": ((0.0, 1.0), (1.0, 0.0)),
     "the sign of a changed": ((1.0, 0.0), (0.0, -1.0)),
     **{f"places in {unit}, not mm": ((by, 0.0), (0.0, by)) for unit, by in LENGTHS.items()},
@@ -72,7 +72,7 @@ COLUMNS: Final = {
     **{f"a in {unit}, not mm": ((1.0, 0.0), (0.0, by)) for unit, by in LENGTHS.items()},
 }
 """What the columns s and a may be: the matrix that makes them what they should be."""
-FORCES: Final = {
+FORCES = {
     "force_n in kgf": 9.81,
     "force_n in lbf": 4.45,
     "force_n in kN": 1e3,

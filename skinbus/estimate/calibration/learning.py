@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -39,43 +39,43 @@ from skinbus.model import Arm, Radial, ResidualMap
 
 Ints = npt.NDArray[np.intp]
 
-POINTS: Final = 64
+POINTS = 64
 """Points of the table: what the EDS of a patch holds."""
-REACH: Final = 0.030
+REACH = 0.030
 """Distance at which the table ends at first, m: five times the usual thickness of a cover."""
-STEP: Final = REACH / (POINTS - 1)
+STEP = REACH / (POINTS - 1)
 """m, of the table."""
-TRIM: Final = 0.002
+TRIM = 0.002
 """The table is cut where k stays below this part of its peak: a fifth of the usual noise of 1 %."""
-MIN_FORCE_RATIO: Final = 1.3
+MIN_FORCE_RATIO = 1.3
 """The exponent is learned when the largest force is so many times the smallest; else it is 1."""
-MIN_READINGS: Final = 20
+MIN_READINGS = 20
 """Fewer usable readings than this cannot carry a profile, or a point of the misfit."""
 ROUNDS, MAX_ROUNDS = 12, 60
 """Rounds in which variances, outliers and the penalty are chosen anew, and all: with weights that stay it is
 least squares, which converges, where no radial law is true, too."""
-SETTLED: Final = 3
+SETTLED = 3
 """Rounds after which presses move and outliers are looked for: before, the profile is not one."""
-TOLERANCE: Final = 1e-4
+TOLERANCE = 1e-4
 """Of the largest pressure, by which the last round changes readings: a tenth of what they resolve."""
 
-TACTEL_SD: Final = (0.1, 0.04, 0.003)
+TACTEL_SD = (0.1, 0.04, 0.003)
 """Prior standard deviations of a tactel's gain and width (logarithms) and offset (of the peak): those of real
 arrays."""
-FORCE_SD: Final = 0.02
+FORCE_SD = 0.02
 """Standard deviation of the force of a press, as a part of it: a load cell, or a weight on a guided tip."""
 SAID, MOST_SD = 10.0, 3.3
 """Presses, or tactels, that weigh as much as the standard deviations said when they are refined, and how many
 times those they become at most: presses that err by more than 1 mm are not moved to where they fit."""
 OFF_PRESS, OFF_TACTEL = 3.0, 10.0
 """Standard deviations by which presses and tactels are off at most: a press that is an outlier stays one."""
-FAR: Final = 0.5
+FAR = 0.5
 """Part of the readings, by distance from a press, beyond which they show the noise."""
-LOUD: Final = 0.2
+LOUD = 0.2
 """Part of the largest pressure above which a reading shows the misfit that is reported."""
-MOST_LEVERAGE: Final = 0.9
+MOST_LEVERAGE = 0.9
 """Part of a reading's variance that unknowns take up, at most."""
-BINS: Final = 16
+BINS = 16
 """Of the misfit over the distance: 2 mm each."""
 HUBER, CLIP = 2.5, 4.0
 """Standard deviations from which a residual counts less than its square, and to which residuals are cut where
@@ -87,10 +87,10 @@ is."""
 TRUEST, FIRST = 1e-3, 0.05
 """Parts of the largest reading: the best of laws leaves the one, so that no reading weighs more for being
 truer or is an outlier for less than multiples of it; and errors are taken to be the other at first."""
-LEFT_BY_MAP: Final = 0.1
+LEFT_BY_MAP = 0.1
 """Part of the misfit that stays under a map of residuals: between presses it predicts less well than at
 them."""
-WEIGHTS: Final = np.logspace(-2.0, 3.0, 11)
+WEIGHTS = np.logspace(-2.0, 3.0, 11)
 """Weights of the penalty that are tried, relative to the information of the readings. With smaller ones a
 table follows readings no closer, but errors of few presses or of rounding made them be chosen."""
 
@@ -482,6 +482,6 @@ def _roughness() -> Floats:
     return np.asarray(differences.T @ differences)
 
 
-_UNIT_PROFILES: Final = _unit_profiles()
-_UNIT_SLOPES: Final = _UNIT_PROFILES.derivative()
-_ROUGHNESS: Final = _roughness()
+_UNIT_PROFILES = _unit_profiles()
+_UNIT_SLOPES = _UNIT_PROFILES.derivative()
+_ROUGHNESS = _roughness()

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -29,24 +29,24 @@ from skinbus.model import Arm, Link, PlacedPatch, Radial, Surface
 
 Places = npt.NDArray[np.complex128]
 
-PLACE_SD: Final = 0.3e-3
+PLACE_SD = 0.3e-3
 """m; a robot's tool, or a probe in a jig."""
-PRIOR_SD: Final = (10e-3, 10e-3, math.radians(10.0))
+PRIOR_SD = (10e-3, 10e-3, math.radians(10.0))
 """m, m, rad: more than anybody misplaces a board without seeing it; a tenth of that, presses determine."""
-KNOWN: Final = 0.3
+KNOWN = 0.3
 """Part of the prior's standard deviation above which presses have not determined a direction."""
-OUTLIER: Final = 4.0
+OUTLIER = 4.0
 """Standard deviations of a press from which it is an outlier: 3 of 10 000 good ones."""
-PRIOR_FREEDOM: Final = 10.0
+PRIOR_FREEDOM = 10.0
 """Weight of the place's standard deviation as said, in degrees of freedom, when the presses refine it."""
 WIDE, ROUNDS = 3.0, 4
 """Standard deviations as said with which the search begins, as places may be worse than said; and rounds of
 refining them: they change by less than a hundredth in the last."""
-TURNS: Final = np.radians(15.0) * np.arange(-11, 13)
+TURNS = np.radians(15.0) * np.arange(-11, 13)
 """rad, from which a turn is looked for."""
-TURNED: Final = math.radians(30.0)
+TURNED = math.radians(30.0)
 """A yaw this far from that of the arm file is no error of mounting but another way to mount."""
-SECOND: Final = 0.3
+SECOND = 0.3
 """Part of the force of the strongest contact from which a second one makes a press unusable."""
 
 

@@ -11,7 +11,6 @@ Source: C. Rasmussen, C. Williams, Gaussian Processes for Machine Learning (2006
 from __future__ import annotations
 
 from itertools import product
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -20,11 +19,11 @@ from skinbus.arrays import Floats
 
 Places = npt.NDArray[np.complex128]
 
-LENGTHS: Final = (0.0025, 0.004, 0.006, 0.009)
+LENGTHS = (0.0025, 0.004, 0.006, 0.009)
 """m: shorter ones no array of presses a few mm apart shows, longer ones are straight over a reach."""
-WHITE: Final = (0.1, 0.2, 0.4, 0.7)
+WHITE = (0.1, 0.2, 0.4, 0.7)
 """White noise that is tried, as a part of the misfit."""
-WORTH: Final = 0.9
+WORTH = 0.9
 """A map is made when it leaves less than this part of the residuals at presses it was not made from."""
 FEWEST, MOST = 30, 400
 """Presses of a tactel: with fewer there is no map, and not more make one; the cost grows with the cube."""
@@ -32,7 +31,7 @@ CHOSEN_BY, CHOSEN_ON = 150, 8
 """Presses of a tactel, and tactels, that length and noise are chosen by."""
 MAP_REACH, MAP_STEP = 0.024, 0.002
 """m: no coarser than the shortest length; beyond the reach arrays show 0.2 %."""
-FADE: Final = 0.2
+FADE = 0.2
 """Part of the reach over which a map fades, so that it ends at zero."""
 
 

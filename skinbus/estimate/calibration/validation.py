@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
@@ -21,12 +20,12 @@ from skinbus.estimate.calibration.location import PLACE_SD, strongest
 from skinbus.estimate.calibration.table import Ints, PressTable
 from skinbus.model import Arm
 
-FOLDS: Final = 8
-RIM: Final = 0.25
+FOLDS = 8
+RIM = 0.25
 """Pitches around the tactels within which a press counts: beside them places are not determined as well."""
-USUAL: Final = 0.68
+USUAL = 0.68
 """Part of the presses that have no larger error: the standard deviation, were errors normal."""
-ALIKE: Final = 0.05
+ALIKE = 0.05
 """Pitches to which places lie alike between tactels: a step of the table of the law."""
 
 
