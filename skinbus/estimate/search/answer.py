@@ -18,7 +18,7 @@ from skinbus.estimate.kernels.constants import BAD_FIT, FEW_TACTELS, FULL_SCALE,
 from skinbus.estimate.kernels.geometry import surface_of, wrap
 from skinbus.estimate.kernels.law import amplitude, log_force_at
 from skinbus.estimate.kernels.layout import PEAK, Layout
-from skinbus.estimate.kernels.workspace import KINDS, SATURATED, Search, Work
+from skinbus.estimate.kernels.workspace import SATURATED, Search, Work
 from skinbus.estimate.levels.merge import EVIDENCE
 from skinbus.estimate.search.evidence import RIVAL, TIP, best_of, misfit, nearest_contact, settle
 from skinbus.estimate.search.least_squares import CONVERGED
@@ -42,82 +42,63 @@ def matching(lay: Layout, q: Search, link: int, h: int, best: int, c: int) -> in
 
 
 @inner_kernel
-def is_rival(q: Search, h: int, best: int) -> bool:
-    """Return whether hypothesis h has the number of contacts of the best, and a share of the probability."""
-    return bool(q.h_count[h] == q.h_count[best] and q.h_score[h] >= q.h_score[best] - RIVAL)
-
-
-@inner_kernel
-def simplest_kind(lay: Layout, q: Search, link: int, best: int, c: int) -> int:
-    """Return the simplest kind of size of contact c that is not refuted; ``TIP`` is tips and thumbs."""
-    for kind in range(KINDS):
-        q.row[kind] = 0.0
-    total = 0.0
-    for h in range(q.n_hypotheses[0]):
-        if is_rival(q, h, best):
-            share = math.exp(q.h_score[h] - q.h_score[best])
-            q.row[q.h_kind[h, matching(lay, q, link, h, best, c)]] += share
-            total += share
-    for kind in range(TIP):
-        if q.row[kind] >= REFUTED * total:
-            return kind
-    return TIP
+def share_of(q: Search, h: int, best: int) -> float:
+    """Return how probable hypothesis h is beside the best; 0 with another number of contacts or far below."""
+    behind = q.h_score[best] - q.h_score[h]
+    return math.exp(-behind) if q.h_count[h] == q.h_count[best] and behind <= RIVAL else 0.0
 
 
 @inner_kernel
 def write_mean(lay: Layout, q: Search, link: int, best: int, c: int, place: Floats) -> None:
-    """Write the mean place, log force and size of contact c of the best hypothesis over its simplest kind."""
-    period, top, theta = surface_of(lay.link, link).period, q.h_score[best], q.h_theta
-    wanted, total = simplest_kind(lay, q, link, best, c), 0.0
+    """Write the mean place, log force and size of contact c of the best hypothesis over its simplest kind.
+
+    That is the first kind of size that is not refuted; tips and thumbs are one.
+    """
+    period, theta, wanted, total = surface_of(lay.link, link).period, q.h_theta, 0, 0.0
     for x in range(4):
-        place[x] = 0.0
+        place[x] = q.row[x] = 0.0
     for h in range(q.n_hypotheses[0]):
-        if is_rival(q, h, best):
-            e = matching(lay, q, link, h, best, c)
-            if min(q.h_kind[h, e], TIP) == wanted:
-                share = math.exp(q.h_score[h] - top)
-                total += share
-                for x in range(4):
-                    off = theta[h, e, x] - theta[best, c, x]
-                    place[x] += share * (wrap(off, period) if x == 1 else off)
+        share = share_of(q, h, best)
+        q.row[min(q.h_kind[h, matching(lay, q, link, h, best, c)], TIP)] += share
+        total += share
+    while wanted < TIP and q.row[wanted] < REFUTED * total:
+        wanted += 1
+    for h in range(q.n_hypotheses[0]):
+        e = matching(lay, q, link, h, best, c)
+        share = share_of(q, h, best) if min(q.h_kind[h, e], TIP) == wanted else 0.0
+        for x in range(4):
+            off = theta[h, e, x] - theta[best, c, x]
+            place[x] += share * (wrap(off, period) if x == 1 else off)
     for x in range(4):
-        place[x] = theta[best, c, x] + place[x] / total
+        place[x] = theta[best, c, x] + place[x] / q.row[wanted]
     place[1] = wrap(place[1], period)
     keep_on_board(lay, link, q.listed, q.n_listed[0], place)
 
 
 @inner_kernel
-def write_moments(lay: Layout, w: Work, q: Search, link: int, best: int, k: int) -> None:
-    """Write the covariances of k contacts: second moments of all rivals."""
-    surface, total = surface_of(lay.link, link), 0.0
-    for c in range(k):
-        for x in range(3):
-            for y in range(3):
-                w.covariance[q.rows[c], x, y] = 0.0
+def write_moments(
+    lay: Layout, q: Search, link: int, best: int, c: int, place: Floats, moment: Floats
+) -> None:
+    """Write the covariance of contact c of the best hypothesis: the moment of all rivals about a place."""
+    period, total = surface_of(lay.link, link).period, 0.0
+    for x in range(3):
+        for y in range(3):
+            moment[x, y] = 0.0
     for h in range(q.n_hypotheses[0]):
-        if not is_rival(q, h, best):
-            continue
-        share = math.exp(q.h_score[h] - q.h_score[best])
+        share, e = share_of(q, h, best), matching(lay, q, link, h, best, c)
         total += share
-        for c in range(k):
-            place, moment = w.place[q.rows[c]], w.covariance[q.rows[c]]
-            e = matching(lay, q, link, h, best, c)
-            force = math.exp(q.h_theta[h, e, 2])
-            q.step[0] = q.h_theta[h, e, 0] - place[0]
-            q.step[1] = wrap(q.h_theta[h, e, 1] - place[1], surface.period)
-            q.step[2] = force - math.exp(place[2])
-            for x in range(3):
-                for y in range(x + 1):
-                    own = q.h_covariance[h, e, x, y]
-                    own *= (force if x == 2 else 1.0) * (force if y == 2 else 1.0)
-                    moment[x, y] += share * (own + q.step[x] * q.step[y])
-    wrong = max(misfit(q, best), 1.0)
-    for c in range(k):
-        moment = w.covariance[q.rows[c]]
+        force = math.exp(q.h_theta[h, e, 2])
+        q.step[0] = q.h_theta[h, e, 0] - place[0]
+        q.step[1] = wrap(q.h_theta[h, e, 1] - place[1], period)
+        q.step[2] = force - math.exp(place[2])
         for x in range(3):
             for y in range(x + 1):
-                moment[x, y] *= wrong / total
-                moment[y, x] = moment[x, y]
+                own = q.h_covariance[h, e, x, y] * (force if x == 2 else 1.0) * (force if y == 2 else 1.0)
+                moment[x, y] += share * (own + q.step[x] * q.step[y])
+    for x in range(3):
+        for y in range(x + 1):
+            moment[x, y] *= max(misfit(q, best), 1.0) / total
+            moment[y, x] = moment[x, y]
 
 
 @inner_kernel
@@ -171,11 +152,11 @@ def write_answer(lay: Layout, w: Work, q: Search, link: int, first: int, full: b
         w.n_contacts[0] = max(w.n_contacts[0], row + 1)
         w.alive[row], w.again[row], w.level[row], w.group[row] = True, False, 2 if full else 1, first
         write_mean(lay, q, link, best, c, w.place[row])
+        write_moments(lay, q, link, best, c, w.place[row], w.covariance[row])
         q.rows[c] = row
         row, k = row + 1, k + 1
     for other in range(row, w.n_contacts[0]):
         w.alive[other] = w.alive[other] and w.group[other] != first
-    write_moments(lay, w, q, link, best, k)
     gain = 0.0
     for t in range(q.n_listed[0]):
         i = q.listed[t]
