@@ -7,9 +7,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
+    from skinbus.arrays import Bools
     from skinbus.model import Arm
 
 
@@ -35,7 +33,7 @@ def nodes(node_ids: Iterable[int]) -> str:
     return f"node{'' if len(known) == 1 else 's'} {span(known)}"
 
 
-def nodes_by_bus(arm: Arm, chosen: npt.NDArray[np.bool_]) -> Iterator[str]:
+def nodes_by_bus(arm: Arm, chosen: Bools) -> Iterator[str]:
     """Return for each bus the nodes of the patches that are chosen, with its name where there are several."""
     for bus, settings in enumerate(arm.buses):
         here = arm.patches_on(bus)

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
+from skinbus.arrays import Floats
 from skinbus.config.arm_tables import LinkTable, Positive, Table, Text, beside
 from skinbus.errors import Fault, FaultList
 from skinbus.model.robot import JointSettings, LinkFrame, RobotSettings
@@ -94,7 +94,7 @@ def _joint(key: str, joint: JointTable, faults: FaultList) -> JointSettings:
     )
 
 
-def _pose(link: LinkTable) -> npt.NDArray[np.float64]:
+def _pose(link: LinkTable) -> Floats:
     """Return the pose of a link's surface, (4, 4): fixed axes in the order roll, pitch, yaw, as in URDF."""
     from scipy.spatial.transform import Rotation  # only who has a robot pays for it
 

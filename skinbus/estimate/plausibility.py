@@ -38,7 +38,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import erf
 
-from skinbus.arrays import Bools, Floats, Ints
+from skinbus.arrays import Bools, Bytes, Floats, Ints
 from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.columns import record
 from skinbus.estimate.kernels.layout import limit_of, step_of
@@ -201,7 +201,7 @@ class Plausibility:
         tactels, boards = _tactels(arm), np.zeros(arm.n_patches, BOARD)
         boards["start"], boards["stop"] = arm.patch_start[:-1], arm.patch_start[1:]
         self._skin = _Skin(tactels, boards, *_neighbours(arm, tactels, boards), np.zeros((2, PLACES**2)))
-        self.faults: npt.NDArray[np.uint8] = tactels["fault"]
+        self.faults: Bytes = tactels["fault"]
         """(n_tactels,) :class:`TactelFault` bits, live."""
         self.is_withheld: Bools = boards["is_withheld"]
         """(n_patches,) whether the newest readings are of an earlier sample, or all at full scale, live."""

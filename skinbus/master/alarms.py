@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
 
+from skinbus.arrays import Bytes
 from skinbus.can.core import NEVER
 from skinbus.can.event import Event, EventKind
 from skinbus.estimate import Plausibility, TactelFault
@@ -173,7 +173,7 @@ class PlausibilityReport:
                 events.append(self._report(now_ns, node_id, faults))
         return events
 
-    def _report(self, now_ns: int, node_id: int, faults: npt.NDArray[np.uint8]) -> Event:
+    def _report(self, now_ns: int, node_id: int, faults: Bytes) -> Event:
         """Replace the EMCY of a patch; return the event."""
         if node_id in self._data:
             self._device.emcy_clear(EmcyCode.DEVICE_SPECIFIC, data=self._data.pop(node_id))

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from skinbus.arrays import Ints
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.estimate import Baseline, Plausibility
@@ -99,7 +99,7 @@ class BusMaster:
         """Whether another master sends SYNC."""
         return self.other_master is not None and self.other_master.is_present
 
-    def is_disturbed(self, started_ns: npt.NDArray[np.int64]) -> Mask:
+    def is_disturbed(self, started_ns: Ints) -> Mask:
         """Return which patches may have answered a SYNC of another master: those started before it came."""
         if self.other_master is None or not self.other_master.is_present:
             return np.zeros(len(started_ns), np.bool_)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Bools, Floats, Ints, Ints32
 from skinbus.estimate import (
     Baseline,
     Contacts,
@@ -72,14 +73,14 @@ class CycleReport:
     """Time of its SYNC."""
     counter: int
     contacts: Contacts
-    ids: npt.NDArray[np.int64]
+    ids: Ints
     """(n_contacts,) identity as published, 0 for a contact without a slot."""
     tracks: Tracks
     """The same contacts with identities over time, and those that are not seen in this cycle."""
     loads: Loads
-    pressures: npt.NDArray[np.float64]
+    pressures: Floats
     n_fresh: int
-    fresh: npt.NDArray[np.bool_]
+    fresh: Bools
     """(n_patches,) whose readings are of this cycle."""
     compute_ns: int
     """Gather + estimate + publish, by the stopwatch."""
@@ -135,7 +136,7 @@ class Cycle:
     def run(
         self,
         t_ns: int,
-        counts: npt.NDArray[np.int32],
+        counts: Ints32,
         fresh: Mask,
         level: str | None = None,
         budget_us: float | None = None,

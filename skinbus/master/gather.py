@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from skinbus.arrays import Ints
 from skinbus.can.core import NEVER
 from skinbus.can.frame import FrameBatch
 from skinbus.master.freshness import Freshness
@@ -169,7 +169,7 @@ class Gather:
         fresh &= self.age_ns <= self._max_age_ns
         return self.freshness.judge(fresh)
 
-    def _is_due(self, age: npt.NDArray[np.int64]) -> Mask:
+    def _is_due(self, age: Ints) -> Mask:
         """Return which TPDOs that run freely have not come in time, (n_frames,).
 
         What comes by a timer alone is older by the time since then, what is sent on a change is not.

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from skinbus.arrays import Bytes
 from skinbus.can.event import Event, EventKind
 from skinbus.estimate import Baseline
 from skinbus.master.patches.provisioning import ExpectedNode
@@ -94,7 +94,7 @@ class Network:
         self._rows = np.array([plan.node_id - 1 for plan in plans], np.intp)
         od = load_eds("skin-master", device.node_id)
         self._all, self._one = od[COMMAND].index, od[PATCH_COMMAND].index
-        self._states: npt.NDArray[np.uint8] = device.image_view(REQUEST_NMT, 1, REQUEST_NMT_ALL)
+        self._states: Bytes = device.image_view(REQUEST_NMT, 1, REQUEST_NMT_ALL)
         self._suspect = device.image_view(od[PATCH_SUSPECT].index, 1, MAX_NODE_ID)
         self._own: NmtCommand | None = None
         self._zeroed: list[tuple[int, int]] = []

@@ -9,9 +9,9 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
+from skinbus.arrays import Floats, Ints
 from skinbus.estimate import Contacts, Tracks
 from skinbus.model import Arm
 from skinbus.node.device import Device
@@ -43,7 +43,7 @@ class MasterRobot:
         self.positions = JointPositions(self.frames.chain, arm.robot)
         self._outputs: list[_Objects] = []
         # from another thread, taken when a cycle closes; a deque bears both ends
-        self._offered: deque[tuple[int, npt.NDArray[np.float64]]] = deque(maxlen=OFFERED)
+        self._offered: deque[tuple[int, Floats]] = deque(maxlen=OFFERED)
 
     def publish_on(self, devices: Sequence[Device]) -> None:
         """Write the objects of these nodes of the master from now on."""
@@ -101,7 +101,7 @@ class _Objects:
         self._is_valid = view(profile.ROBOT_VALID, 1)
         self._positions, self._wrench = view(profile.JOINT_POSITION, n_joints), view(profile.ROBOT_WRENCH, 6)
 
-    def write(self, placed: RobotContacts, slots: npt.NDArray[np.int64], rows: npt.NDArray[np.int64]) -> None:
+    def write(self, placed: RobotContacts, slots: Ints, rows: Ints) -> None:
         """Write the contacts in ``rows`` to the records in ``slots``, and what all of them do."""
         self.clear()  # a place of a contact that is not seen now would be that of another pose
         if not placed.valid:

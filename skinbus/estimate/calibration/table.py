@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.arrays import Floats
+from skinbus.arrays import Bools, Floats
 from skinbus.model import Arm
 
 Ints = npt.NDArray[np.intp]
@@ -54,7 +54,7 @@ class PressTable:
     def __len__(self) -> int:
         return len(self.s)
 
-    def only(self, rows: npt.NDArray[np.bool_] | Ints) -> PressTable:
+    def only(self, rows: Bools | Ints) -> PressTable:
         """Return some of the rows."""
         columns = {name: getattr(self, name) for name in ("patch", "s", "a", "force", "pressures", "noise")}
         return replace(self, **{name: column[rows] for name, column in columns.items() if column is not None})

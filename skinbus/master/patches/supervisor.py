@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from skinbus.arrays import Ints32
 from skinbus.can.core import NEVER
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
@@ -121,9 +121,7 @@ class PatchMonitor:
         self.table.enter(p, state)
         self.table.missed[p] = 0
 
-    def readings(
-        self, now_ns: int, owing: Mask, fresh: Mask, bad_length: npt.NDArray[np.int32]
-    ) -> list[Event]:
+    def readings(self, now_ns: int, owing: Mask, fresh: Mask, bad_length: Ints32) -> list[Event]:
         """Note which of the patches that owed readings have sent them; too many gaps in a row is silence.
 
         One that sends some is operational (CiA 301, 7.3.2.2.4). ``bad_length`` (n_patches,) counts PDOs of
@@ -302,9 +300,7 @@ class Supervisor(PatchMonitor):
                     self._report(now_ns, EventKind.PATCH_REPLACED, p, detail)
                 self.table.serial[p] = serial
 
-    def readings(
-        self, now_ns: int, owing: Mask, fresh: Mask, bad_length: npt.NDArray[np.int32]
-    ) -> list[Event]:
+    def readings(self, now_ns: int, owing: Mask, fresh: Mask, bad_length: Ints32) -> list[Event]:
         """As of any monitor; a patch that is mute is reset after a while, one that is back need not be."""
         silent, back = self._note_readings(now_ns, owing, fresh, ~self._late(now_ns))
         self._due[:, back] = NEVER

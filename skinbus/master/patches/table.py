@@ -5,11 +5,11 @@ from __future__ import annotations
 from enum import IntEnum
 
 import numpy as np
-import numpy.typing as npt
 
+from skinbus.arrays import Bools
 from skinbus.objects import cia
 
-Mask = npt.NDArray[np.bool_]
+Mask = Bools
 """(n_patches,) which patches."""
 
 MAX_MISSED = 3

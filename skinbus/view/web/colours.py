@@ -9,7 +9,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-Colours = npt.NDArray[np.uint8]
+from skinbus.arrays import Bytes, Floats
+
+Colours = Bytes
 Colour = tuple[int, int, int]
 
 _ANCHORS = np.frombuffer(
@@ -39,7 +41,7 @@ FULL_KPA = 30.0
 """Brightest unless chosen otherwise, kPa: what a fingertip of 12 mm brings to a tactel with 8 N or so."""
 
 
-def shades(pressures: npt.NDArray[np.float64], full_pa: float = 1e3 * FULL_KPA) -> Colours:
+def shades(pressures: Floats, full_pa: float = 1e3 * FULL_KPA) -> Colours:
     """Return the colours (n, 3) of pressures (n,) Pa; those beyond the ends of the map have its ends."""
     at, place = np.linspace(0.0, full_pa, len(_ANCHORS)), np.nan_to_num(pressures)
     return np.stack([np.interp(place, at, channel).round() for channel in _ANCHORS.T], -1).astype(np.uint8)
@@ -76,7 +78,7 @@ def for_mesh(shown: Colour) -> Colour:
     return red, green, blue
 
 
-def _albedo(shown: npt.ArrayLike, light: float) -> npt.NDArray[np.float64]:
+def _albedo(shown: npt.ArrayLike, light: float) -> Floats:
     srgb = np.asarray(shown, float) / 255.0
     linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
     y = np.clip(linear @ np.linalg.inv(_OUT).T, 0.0, 0.98)

@@ -16,6 +16,7 @@ import viser.transforms
 from trimesh import Trimesh
 from trimesh.convex import convex_hull
 
+from skinbus.arrays import Floats
 from skinbus.model import Arm, Surface
 from skinbus.model.mesh_surface import MeshSurface
 from skinbus.view.web import colours
@@ -152,7 +153,7 @@ class SceneNodes:
             )
         return robot
 
-    def _place(self, node: Any, X: npt.NDArray[np.float64]) -> None:
+    def _place(self, node: Any, X: Floats) -> None:
         node.wxyz, node.position = viser.transforms.SO3.from_matrix(X[:3, :3]).wxyz, X[:3, 3]
 
     def move(self) -> None:
@@ -202,7 +203,7 @@ class SceneNodes:
 
         client.camera.on_update(fit)
 
-    def _aim(self, camera: Any, aspect: float) -> npt.NDArray[np.float64]:
+    def _aim(self, camera: Any, aspect: float) -> Floats:
         """Point a camera at the whole arm, on a phone from farther away; return where it is."""
         corners = [placed(X, mesh[0]) for X, mesh in zip(self._poses.X_BS, self._bodies, strict=True)]
         points = np.concatenate([*corners, self._poses.bones.reshape(-1, 3)])
@@ -248,7 +249,7 @@ def unit_disc(n: int) -> Mesh:
     return _mesh(np.stack([rim.real, rim.imag, 0.0 * rim.real], -1), np.stack([0 * k, k, k + 1], -1))
 
 
-def quaternions(normals: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+def quaternions(normals: Floats) -> npt.NDArray[np.float32]:
     """Return unit quaternions (n, 4) that turn z to unit vectors (n, 3) by the shortest way."""
     x, y, z = normals.T
     q = np.stack([1.0 + z, -y, x, np.zeros_like(z)], -1)
