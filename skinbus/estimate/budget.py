@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import ctypes
 import time
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
-import numpy as np
-import numpy.typing as npt
 from llvmlite import ir
 from numba import config, types
 from numba.extending import intrinsic
 
+from skinbus.arrays import Ints
 from skinbus.estimate.kernels.workspace import Work
 from skinbus.jit import inner_kernel
 
@@ -54,7 +53,7 @@ def monotonic_clock() -> Clock:
     return Clock(address, time.CLOCK_MONOTONIC)
 
 
-MONOTONIC: Final = monotonic_clock() if hasattr(time, "CLOCK_MONOTONIC") else None
+MONOTONIC = monotonic_clock() if hasattr(time, "CLOCK_MONOTONIC") else None
 """The same for a default argument: None where there is none."""
 
 
@@ -64,7 +63,7 @@ def most_work(n_tactels: int) -> int:
 
 
 def set_budget(
-    work: npt.NDArray[np.int64],
+    work: Ints,
     n_tactels: int,
     clock: Clock | None,
     budget_us: float | None,
@@ -100,7 +99,7 @@ def is_over(w: Work) -> bool:
 
 
 @inner_kernel
-def now(work: npt.NDArray[np.int64]) -> int:
+def now(work: Ints) -> int:
     """Return what the clock of a budget says, ns."""
     nanoseconds: int = read_clock(work[CLOCK], work[CLOCK_ID])
     return nanoseconds

@@ -9,7 +9,7 @@ Uncompiled, a handle is the tuple itself.
 
 from __future__ import annotations
 
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numba import config, typeof
@@ -17,7 +17,7 @@ from numba import config, typeof
 from skinbus.jit.internals import ArrayTableType
 
 T = TypeVar("T", bound=tuple[Any, ...])
-kind_of: Final[Any] = typeof
+kind_of: Any = typeof
 
 
 def array_table(arrays: T) -> T:

@@ -14,23 +14,21 @@ under a press and beside it.
 
 from __future__ import annotations
 
-from typing import Final
-
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.workspace import NO_VALUE, Work
 from skinbus.estimate.levels.merge import EVIDENCE
 from skinbus.jit import inner_kernel
 
-USUAL: Final = 0.25
+USUAL = 0.25
 """Standard deviation of a step of a board's zeros, in thresholds: 250 Pa on the usual board; one whose zeros
 move further has a higher threshold."""
-MOST: Final = 3.0
+MOST = 3.0
 """Standard deviations of the offset: a median beyond is that of a press."""
-ABOVE: Final = 3.0
+ABOVE = 3.0
 """Standard deviations of a reading from which on it says that something presses."""
-RELEASE: Final = 0.8
+RELEASE = 0.8
 """Share of the threshold that must be left of a touch: a baseline releases a held tactel at 0.84 or less."""
-LEAST: Final = 4
+LEAST = 4
 """Tactels of which a median is taken: fewer may all be pressed."""
 
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,26 +27,26 @@ from scipy.interpolate import CubicSpline
 
 from skinbus.arrays import Floats
 
-MODES: Final = 4
-SPACING: Final = 0.25
+MODES = 4
+SPACING = 0.25
 """Half widths (distances at which the law has half its peak), of the tables."""
-RADII: Final = (2.5e-3, 4.765e-3)
+RADII = (2.5e-3, 4.765e-3)
 """m, of the two sizes of tactels."""
-HALVES: Final = (5.8316e-3, 6.1055e-3)
+HALVES = (5.8316e-3, 6.1055e-3)
 """m, half widths of the law of fingertips on the layer of 6 mm under them."""
 SMALL, USUAL = 0.18378, 0.60909
 """Squares of the tactel's radius in half widths."""
-OWN_SIZES: Final = (-0.69, 1.05)
+OWN_SIZES = (-0.69, 1.05)
 """u of a law that was learned: discs of 1 to 27 mm, which the modes are made from."""
-LAYERS: Final = 0.1
+LAYERS = 0.1
 """Standard deviation of the logarithm of a cover's thickness over the usual one: with a wider prior the noise
 of a learned law is taken for another cover, and its sizes are wrong."""
-LIKE: Final = 0.01
+LIKE = 0.01
 """Of the peak, root mean square of what a field and the law that it is differ by: errors of modes and law."""
-POINTS_OF_LAW: Final = 8.0
+POINTS_OF_LAW = 8.0
 """Readings that a table is worth: at as many distances fields differ in their own ways."""
 
-FIELDS: Final = 1e-4 * np.loadtxt(Path(__file__).with_suffix(".csv"), delimiter=",").reshape(2, MODES + 1, -1)
+FIELDS = 1e-4 * np.loadtxt(Path(__file__).with_suffix(".csv"), delimiter=",").reshape(2, MODES + 1, -1)
 """Field of a fingertip and modes, for both sizes of tactels."""
 
 

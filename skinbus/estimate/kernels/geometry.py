@@ -8,9 +8,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
+from skinbus.arrays import Floats
 from skinbus.jit import inner_kernel
 
 
@@ -24,7 +22,7 @@ class LinkSurface(NamedTuple):
 
 
 @inner_kernel
-def surface_of(links: npt.NDArray[np.float64], link: int) -> LinkSurface:
+def surface_of(links: Floats, link: int) -> LinkSurface:
     """Return the surface in row ``link`` of a table (n_links, 4)."""
     return LinkSurface(links[link, 0], links[link, 1], links[link, 2], links[link, 3])
 

@@ -9,7 +9,6 @@ other modes are part of it.
 from __future__ import annotations
 
 import math
-from typing import Final
 
 from skinbus.arrays import Floats
 from skinbus.estimate.budget import is_over
@@ -25,12 +24,12 @@ from skinbus.estimate.search.least_squares import CONVERGED
 from skinbus.estimate.search.model import feels
 from skinbus.jit import inner_kernel
 
-REFUTED: Final = 0.2
+REFUTED = 0.2
 """Share of the probability below which a kind of size is refuted: the mean over sizes is wrong where a
 calibration holds, its size alone where it does not."""
-LEAST: Final = 3
+LEAST = 3
 """Tactels that a place and a force need."""
-FEW: Final = 0.25
+FEW = 0.25
 """Pitches: standard deviation of a place from which on it is flagged."""
 
 

@@ -19,7 +19,6 @@ Source: D. MacKay, Information Theory, Inference, and Learning Algorithms (2003)
 from __future__ import annotations
 
 import math
-from typing import Final
 
 from skinbus.arrays import Floats
 from skinbus.estimate.budget import is_over
@@ -42,26 +41,26 @@ from skinbus.jit import inner_kernel
 
 AS_MADE, FINGER, TIP, THUMB = 0, 1, 2, 3
 """Kinds of size, the simplest first."""
-MEANS: Final = (0.0, 0.0, -0.5, 0.62)
-SPREADS: Final = (0.02, 0.17, 0.13, 0.3)
+MEANS = (0.0, 0.0, -0.5, 0.62)
+SPREADS = (0.02, 0.17, 0.13, 0.3)
 """Mean and standard deviation of u: the size of the calibration, discs of 10-15, 2-8, 16-25 mm."""
-SHARES_LEARNED: Final = (0.5, 0.1, 0.2, 0.2)
-SHARES_SHIPPED: Final = (0.0, 0.6, 0.2, 0.2)
+SHARES_LEARNED = (0.5, 0.1, 0.2, 0.2)
+SHARES_SHIPPED = (0.0, 0.6, 0.2, 0.2)
 """Prior shares: what calibrated a skin is what presses it most often; else fingertips are."""
 FORCE_SD, FLAT_SD = 1.5, 6.0
 """Standard deviation of log force about ``TYPICAL``: usual boards are pressed with 1 to 18 N. Under a law
 that is held for true the readings say the force."""
-LEARNED_SD: Final = 1.0
+LEARNED_SD = 1.0
 """The same about the typical force of a calibration; its mean is less by the variance, as that of 1 / F."""
-RIVAL: Final = 7.0
+RIVAL = 7.0
 """Log odds below the best to which hypotheses are kept for the answer, and expanded: a thousandth."""
-TRY: Final = 12.0
+TRY = 12.0
 """The same to which a fit that has not ended is continued."""
 ALIKE, ALIKE_FORCE = 0.05, 0.1
 """Pitches and log force within which two answers are the same."""
-MISFIT_SIGMAS: Final = 4.0
+MISFIT_SIGMAS = 4.0
 """Standard deviations of chi^2 from which on the law does not explain the readings."""
-STANDS_OUT: Final = 4.0
+STANDS_OUT = 4.0
 """Standard deviations from which on a residual that no contact reaches counts in chi^2."""
 
 

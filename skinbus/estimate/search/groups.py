@@ -10,7 +10,6 @@ each hypothesis.
 from __future__ import annotations
 
 import math
-from typing import Final
 
 from skinbus.estimate.budget import DONE, MOST, is_over
 from skinbus.estimate.kernels.constants import OVER_BUDGET
@@ -35,7 +34,7 @@ from skinbus.estimate.search.model import press, weigh
 from skinbus.estimate.search.moves import expand
 from skinbus.jit import inner_kernel
 
-ODDS_MOVED: Final = -3.0
+ODDS_MOVED = -3.0
 """Log prior odds that the zeros of boards have moved since a baseline has seen them."""
 
 

@@ -15,7 +15,6 @@ status. Source: J. Nocedal, S. Wright, Numerical Optimization (2006), 10.3.
 from __future__ import annotations
 
 import math
-from typing import Final
 
 from skinbus.arrays import Floats
 from skinbus.estimate.budget import is_over
@@ -30,16 +29,16 @@ from skinbus.jit import inner_kernel
 
 CONVERGED, ITERATION_LIMIT = 0, 1
 """Status of a fit."""
-BOARD: Final = 0.025
+BOARD = 0.025
 """m, standard deviation of a place before anything is read: half a board."""
-ODDS: Final = -6.0
+ODDS = -6.0
 """Log prior odds of one contact more."""
-ITERATIONS: Final = 30
+ITERATIONS = 30
 """Steps of a fit: half of all end after two, nine in ten after at most 17."""
 ROUGH, SETTLED = 0.05, 1e-4
 """Expected decrease of chi^2 from which on a step is the last, and nothing is evaluated after it: of a
 hypothesis (it moves by a fifth of a standard deviation, and is off by a part of that), of the answer."""
-HOPE: Final = 4.0
+HOPE = 4.0
 """Of what the next step promises: a fit falls by less from there on."""
 FIRST_DAMPING, LAST_DAMPING = 1e-3, 1e4
 """Parts of the diagonal: nearly a Gauss-Newton step; steps so short that a fit ends there."""

@@ -20,7 +20,6 @@ Source: K. Lange, R. Little, J. Taylor, Robust statistical modeling using the t 
 from __future__ import annotations
 
 import math
-from typing import Final
 
 from skinbus.arrays import Floats
 from skinbus.estimate.budget import DONE
@@ -31,18 +30,18 @@ from skinbus.estimate.kernels.workspace import SATURATED, Search, Work
 from skinbus.jit import inner_kernel
 from skinbus.model.bend import bend_at
 
-GAINS: Final = 0.37
+GAINS = 0.37
 """Part of the misfit of a shipped law that gains cause: sizes cause the rest, and they are unknowns."""
-SIZE_MODES: Final = 0.006
+SIZE_MODES = 0.006
 """Of the peak: error of the modes by size of a shipped law."""
-LEARNED_MODES: Final = 0.003
+LEARNED_MODES = 0.003
 """The same of a learned law, of the root of peak times reading."""
-MOST_PEAK: Final = 10.0
+MOST_PEAK = 10.0
 """Times the largest reading, the highest peak whose misfit counts: a contact beside its tactels explains
 anything with more."""
-TAIL: Final = 5.0
+TAIL = 5.0
 """Degrees of freedom: presses of real arrays, held out, have errors with tails of 4 to 6."""
-LEAST_TAILED: Final = 1e-6
+LEAST_TAILED = 1e-6
 """Squared part of the variance: below it errors are Gaussian in all digits that count."""
 
 

@@ -19,7 +19,6 @@ more     one more at the two largest residuals;                 (any hypothesis 
 from __future__ import annotations
 
 import math
-from typing import Final
 
 from skinbus.estimate.kernels.board_places import keep_on_board
 from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
@@ -37,11 +36,11 @@ threshold, from which on its place has one mode."""
 AROUND, DIRECTIONS = 0.6, 5
 """Pitches at which places around a contact are tried, beyond its own mode but before the next tactel, and how
 many: one is towards the nearest tactel."""
-EVIDENT: Final = 16.0
+EVIDENT = 16.0
 """chi^2 from which on another contact can gain more than it costs."""
-PER_CONTACT: Final = 5
+PER_CONTACT = 5
 """Tactels for each contact of a group: three or four unknowns, and one to spare."""
-SPLITS: Final = (0.5, 1.0)
+SPLITS = (0.5, 1.0)
 """Pitches from the middle at which a contact is divided into two: with one of them alone, pairs on a board of
 the paper have errors a third larger."""
 
