@@ -50,8 +50,8 @@ import numpy.typing as npt
 from skinbus.arrays import Bools, Floats
 from skinbus.estimate.kernels.layout import limit_of
 from skinbus.estimate.kernels.workspace import FREE, HELD, TOUCHED
-from skinbus.estimate.validation import check_arm, check_fresh, check_time
 from skinbus.model import Arm
+from skinbus.model.validation import check_arm, check_fresh, check_time
 
 Touches = npt.NDArray[np.int8]
 
@@ -396,11 +396,6 @@ class Baseline:
         return self.felt.zero.copy()
 
     @property
-    def zero_sd(self) -> Floats:
-        """(n_tactels,) Pa, standard deviation of each zero, apart from what a board has in common."""
-        return np.sqrt(self.felt.doubt)
-
-    @property
     def noise(self) -> Floats:
         """(n_tactels,) Pa, standard deviation measured while free."""
         return np.sqrt(self.felt.variance)
@@ -419,11 +414,6 @@ class Baseline:
     def suspect(self) -> Bools:
         """(n_tactels,) touched ever since power came: a touch at power-on, or a zero that is far off."""
         return np.asarray(self.touched & ~self._zeroed)
-
-    @property
-    def out_of_band(self) -> Bools:
-        """(n_tactels,) reads below the zero band, or its zero has left it; its readings are not used."""
-        return self.felt.out.copy()
 
 
 def _cycles(dt: float) -> float:

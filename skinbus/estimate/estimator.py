@@ -32,9 +32,9 @@ from skinbus.estimate.kernels.workspace import (
 from skinbus.estimate.levels.kmeans import cluster_patch
 from skinbus.estimate.levels.merge import merge_clusters, write_contacts
 from skinbus.estimate.search.groups import search_contacts
-from skinbus.estimate.validation import check_arm, check_integer, check_time
 from skinbus.jit import inner_kernel, kernel, runtime_int
 from skinbus.model import Arm
+from skinbus.model.validation import check_arm, check_integer, check_time
 
 
 class Estimator:

@@ -40,8 +40,8 @@ from skinbus.arrays import Bools, Floats
 from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.contacts import Contacts, Quality
 from skinbus.estimate.kernels.layout import limit_of, step_of
-from skinbus.estimate.validation import check_arm, check_fresh
 from skinbus.model import Arm
+from skinbus.model.validation import check_arm, check_fresh
 
 Ints = npt.NDArray[np.intp]
 

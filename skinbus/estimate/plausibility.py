@@ -42,9 +42,9 @@ from skinbus.arrays import Bools, Bytes, Floats, Ints
 from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.columns import record
 from skinbus.estimate.kernels.layout import limit_of, step_of
-from skinbus.estimate.validation import check_arm, check_time
 from skinbus.jit import inner_kernel, kernel
 from skinbus.model import Arm, Law
+from skinbus.model.validation import check_arm, check_time
 
 Singles = npt.NDArray[np.float32]
 Rows = npt.NDArray[Any]

@@ -57,9 +57,9 @@ from skinbus.arrays import Bools, Floats, Ints
 from skinbus.estimate.columns import record
 from skinbus.estimate.contacts import Contacts
 from skinbus.estimate.kernels.geometry import LinkSurface, distance, surface_of, wrap
-from skinbus.estimate.validation import check_arm, check_fresh, check_time
 from skinbus.jit import inner_kernel, kernel
 from skinbus.model import Arm
+from skinbus.model.validation import check_arm, check_fresh, check_time
 
 Rows = npt.NDArray[Any]
 

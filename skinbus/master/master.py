@@ -20,7 +20,6 @@ from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import ods_of
 from skinbus.errors import BusError
 from skinbus.estimate import DEFAULT_LEVEL, LEVELS, Clock, Estimator, Quality
-from skinbus.estimate.validation import check_arm
 from skinbus.master.bus_master import BusMaster
 from skinbus.master.cycle import Cycle, CycleReport
 from skinbus.master.freshness import GAP, Freshness
@@ -31,6 +30,7 @@ from skinbus.master.patches.provisioning import expected_nodes
 from skinbus.master.patches.table import Mask, PatchState, PatchTable
 from skinbus.master.publish import Publisher
 from skinbus.model import Arm
+from skinbus.model.validation import check_arm
 from skinbus.node.device import Device
 from skinbus.node.nmt import nmt_frame
 from skinbus.node.sync import MAX_COUNTER

@@ -64,7 +64,7 @@ EFFECTS = {
     # the film, the matrix, the amplifier
     Stage.TACTEL: (
         *("gain_spread", "piezoresistive", "thermal", "drift", "dead", "crosstalk"),
-        *("offset", "flicker", "noise", "burst", "saturation"),
+        *("offset", "noise", "burst", "saturation"),
     ),
     # the converter and what its firmware makes of it
     Stage.COUNTS: ("adc", "stuck"),

@@ -95,7 +95,7 @@ BAD_START = -3000 * 250e3 / 32767
 def test_start_below_the_zero_band_makes_no_zero_and_no_pressure_of_true_zeros_after_it(skin, bad):
     first = np.where(ARM.tactel_patch == 0, bad, 0.0)
     skin.read(first, seconds=1)
-    out = skin.baseline.out_of_band
+    out = skin.baseline.felt.out.copy()
     assert out[:16].all()
     assert not out[16:].any()
     assert np.array_equal(skin.baseline.zeros[:16], np.zeros(16))
@@ -103,7 +103,7 @@ def test_start_below_the_zero_band_makes_no_zero_and_no_pressure_of_true_zeros_a
         rest = skin.read()
         assert not skin.baseline.touched.any()
         assert rest.max() < 6 * SIGMA
-    assert not skin.baseline.out_of_band.any()
+    assert not skin.baseline.felt.out.any()
     assert np.abs(skin.baseline.zeros).max() < 200.0
 
 
@@ -140,15 +140,15 @@ def test_what_one_patch_of_a_touch_over_a_seam_feels_is_held_with_the_rest(skin)
 @pytest.mark.slow
 def test_zero_that_cannot_be_observed_grows_uncertain_and_is_sure_again_after_it(skin):
     skin.read(seconds=60)
-    free = skin.baseline.zero_sd
+    free = skin.baseline.felt.doubt**0.5
     assert free.max() < 10.0
     skin.read(press(0.1, 0.0, 8.0), seconds=60)
-    sd = skin.baseline.zero_sd
+    sd = skin.baseline.felt.doubt**0.5
     # the drift of a minute as declared; the patch far away was observed
     assert sd[:32] == pytest.approx(np.hypot(free[:32], ARM.tactel_zero_drift[:32]), rel=0.02)
     assert sd[32:].max() < 10.0
     skin.read(seconds=60)
-    assert skin.baseline.zero_sd.max() < 10.0
+    assert skin.baseline.felt.doubt.max() < 10.0**2
 
 
 @pytest.mark.slow
@@ -171,10 +171,10 @@ def test_zero_that_drifts_out_of_its_band_takes_its_tactel_out(skin):
     skin.read(seconds=2)
     for n in range(700):
         skin.read(np.where(np.arange(N) == 7, 5.0 * n, 0.0), seconds=1, period_ns=100_000_000)
-    assert np.flatnonzero(skin.baseline.out_of_band).tolist() == [7]
+    assert np.flatnonzero(skin.baseline.felt.out).tolist() == [7]
     assert not skin.baseline.touched.any()
     skin.read(seconds=10)
-    assert not skin.baseline.out_of_band.any()
+    assert not skin.baseline.felt.out.any()
     assert abs(skin.baseline.zeros[7]) < SIGMA
 
 

@@ -53,14 +53,14 @@ def test_zeros_from_before_a_rail_are_taken_up_again_under_the_same_finger(rail)
     touch = press(ARM.tactel_s[INNER], ARM.tactel_a[INNER], 10.0)
     skin.read(cycles=100)
     skin.read(touch, cycles=100)
-    before, doubt = skin.baseline.zeros[BOARD], skin.baseline.zero_sd[BOARD]
+    before, doubt = skin.baseline.zeros[BOARD], skin.baseline.felt.doubt[BOARD].copy()
     skin.read(touch, cycles=60)
     assert set(skin.faulty) == set(range(BOARD.start, BOARD.stop))
     felt = skin.read(touch, cycles=60)
     assert skin.faulty == [], "it is used again, although the finger has not left"
     assert np.abs(felt - touch)[BOARD].max() < 6.0 * 200.0
     assert np.array_equal(skin.baseline.zeros[BOARD], before)
-    assert (skin.baseline.zero_sd[BOARD] > doubt).all()
+    assert (skin.baseline.felt.doubt[BOARD] > doubt).all()
 
 
 @pytest.mark.parametrize("was_touched", [False, True], ids=["free", "pressed"])

@@ -63,7 +63,7 @@ def test_killed_in_a_press_it_comes_back_with_the_same_contacts_and_forces(story
     assert {i: row[:2] for i, row in new.items()} == {i: row[:2] for i, row in old.items()}
     assert story.found.n_zeros == 16
     assert not story.found.stale
-    sd = story.restarts.master.cycle.baseline.zero_sd
+    sd = story.restarts.master.cycle.baseline.felt.doubt**0.5
     per_zero = 1e-4 * sd.sum()  # N, if all zeros are off by one sd: a pitch of 10 mm
     was, now = mean_force(story.before), mean_force(story.after)
     for identity in was:

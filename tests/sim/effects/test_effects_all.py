@@ -25,7 +25,6 @@ ZERO = {
     "dead": {"share": 0.0},
     "crosstalk": {"row": 0.0, "column": 0.0},
     "offset": {"sigma_pa": 0.0},
-    "flicker": {"pa_at_1hz": 0.0},
     "noise": {"sigma_pa": 0.0},
     "saturation": {"limit_kpa": 1e6},
     "adc": {"bits": 16},

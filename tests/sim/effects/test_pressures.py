@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.signal import welch
 from scipy.stats import kstest
 
 from skinbus.sim.effects.readings import (
@@ -13,7 +12,6 @@ from skinbus.sim.effects.readings import (
     Crosstalk,
     Dead,
     Drift,
-    Flicker,
     GainSpread,
     Hysteresis,
     Noise,
@@ -167,19 +165,6 @@ def test_it_is_the_matrix_it_says(apply, forearm):
     matrix = 0.03 * ((rows[:, None] == rows) & others) + 0.01 * ((columns[:, None] == columns) & others)
     out = apply(Crosstalk(row=0.03, column=0.01), p, [0.0])[0]
     assert_allclose(out, p + matrix @ p, rtol=1e-12)
-
-
-# --- flicker: a density that falls as one over the frequency, of the right size.
-
-
-@pytest.mark.slow
-def test_density_is_one_over_f_over_two_decades_and_at_one_hertz_the_parameter(apply):
-    rate = 200.0
-    out = apply(Flicker(pa_at_1hz=50.0), 0.0, np.arange(2**14) / rate)
-    f, s = welch(out, rate, nperseg=2**13, axis=0, detrend=False)
-    band, near, s = (f > 0.1) & (f < 10.0), (f > 0.7) & (f < 1.4), s.mean(axis=1)
-    assert abs(np.polyfit(np.log(f[band]), np.log(s[band]), 1)[0] + 1.0) < 0.06
-    assert np.sqrt((s * f)[near].mean()) == pytest.approx(50.0, rel=0.06)
 
 
 # --- burst: spikes that neighbours and successive samples share.

@@ -1,4 +1,4 @@
-"""Checks of arguments, the same for every public function of the estimator."""
+"""Checks of arguments that come with an arm: the arm itself, times, and which patches are fresh."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.arrays import Bools
-from skinbus.model import Arm
+from skinbus.model.arm import Arm
 
 TIME_LEAST, TIME_MOST = -(2**61), 3 * 2**61 - 1
 """ns, 73 years before and 219 after 0: the difference of two times fits into 64 bits."""
