@@ -32,7 +32,7 @@ NOT_NEGATIVE = (0.0, MOST)
 class Cone:
     """The paper's cone: pressure falls by ``slope`` (Pa/m, positive) from its peak."""
 
-    slope: float = 1.2e6  # the cone of the figures in DESIGN section 4
+    slope: float = 1.2e6  # within the range of the figures of the paper
     exponent: float = 1.0
     misfit: float = 0.0
     """Standard deviation of what the law does not explain, as a part of the pressure."""

@@ -42,7 +42,8 @@ LAYERS = 0.1
 """Standard deviation of the logarithm of a cover's thickness over the usual one: with a wider prior the noise
 of a learned law is taken for another cover, and its sizes are wrong."""
 LIKE = 0.01
-"""Of the peak, root mean square of what a field and the law that it is differ by: errors of modes and law."""
+"""Expected root mean square, as a part of the peak, of the difference between a learned table and the field
+of its true size."""
 POINTS_OF_LAW = 8.0
 """Readings that a table is worth: at as many distances fields differ in their own ways."""
 

@@ -42,7 +42,7 @@ def wrap(a: float, period: float) -> float:
 def separation(surface: LinkSurface, s: float, a: float, sj: float, aj: float) -> tuple[float, float, float]:
     """Return the squared distance of (s, a) from (sj, aj) in m^2, and half its derivatives by s and a.
 
-    Divided by the distance d these are d d/ds and d d/da; a comparison of d with a limit needs no root.
+    Divided by the distance they are its derivatives by s and a; a comparison with a limit needs no root.
     """
     ds = s - sj
     da = wrap(a - aj, surface.period)

@@ -11,9 +11,8 @@ the cone H = (3 f / pi)^(1/3) S^(2/3), so C = (3 / pi)^(1/3) S^(2/3) and r = e /
 
 ``laws`` has a row per law, with the columns of ``layout``; ``tables`` (n_laws, points, 24) has for the step
 from a point to the next four coefficients of k in 1/m^2, of four modes by size (``disc_shapes``), and of the
-misfit profile: value, rise and the slopes at both ends, of which k and the modes are cubics. A size u adds u
-minus that of the law, to the n-th power, times the n-th mode to k. A new law is a row, and a branch of
-:func:`pressure`.
+misfit profile: value, rise and the slopes at both ends, of which k and the modes are cubics. A size u adds to
+k: k(d; u) = k(d) + sum_n (u - u_law)^n mode_n(d). A new law is a row, and a branch of :func:`pressure`.
 
 A board with a response also has a width of each tactel, which stretches distances, and a map of residuals,
 which adds to k by place. The chart of a mesh stretches distances by place (``model.bend``).
@@ -65,7 +64,7 @@ def log_force_of(laws: Floats, law: int, amplitude: float) -> float:
 def log_force_at(laws: Floats, tables: Floats, law: int, p: float, d: float) -> float:
     """Return log F (F in N) of the contact that presses p Pa at distance d: the inverse of :func:`pressure`.
 
-    Where the law has fallen below a twentieth of its peak it is that of this distance.
+    Where the law is below a twentieth of its peak, a twentieth is used.
     """
     unit, _, g, _ = pressure(laws, tables, law, 1.0, d, laws[law, OWN_SIZE])
     return log_force_of(laws, law, max(p + g - unit, 1e-9) / max(g, CORE_PART * laws[law, PEAK]))

@@ -1,1 +1,1 @@
-"""The levels of the estimator: kmeans, fit, full."""
+"""The level kmeans, with which the search of fit and full begins (``search``)."""

@@ -117,7 +117,7 @@ def flag_contact(
     half, diff = 0.5 * (moment[0, 0] + moment[1, 1]), 0.5 * (moment[0, 0] - moment[1, 1])
     if n_felt < LEAST or half + math.sqrt(diff * diff + moment[1, 0] * moment[1, 0]) > few * few:
         flags |= FEW_TACTELS
-        # the same reading, that far away: a force that slopes do not say
+        # a deviation further away, the same reading takes a larger force than a linear covariance says
         peak = amplitude(lay.law_par, law, w.place[to, 2])[0] * lay.law_par[law, PEAK]
         away = math.sqrt(max(moment[0, 0], moment[1, 1]))
         far = math.exp(log_force_at(lay.law_par, lay.law_table, law, peak, away))

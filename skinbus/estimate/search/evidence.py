@@ -51,7 +51,7 @@ FORCE_SD, FLAT_SD = 1.5, 6.0
 """Standard deviation of log force about ``TYPICAL``: usual boards are pressed with 1 to 18 N. Under a law
 that is held for true the readings say the force."""
 LEARNED_SD = 1.0
-"""The same about the typical force of a calibration; its mean is less by the variance, as that of 1 / F."""
+"""The same about the typical force of a calibration. A factor 1 / F makes the mean less by the variance."""
 RIVAL = 7.0
 """Log odds below the best to which hypotheses are kept for the answer, and expanded: a thousandth."""
 TRY = 12.0

@@ -39,11 +39,12 @@ ROUGH, SETTLED = 0.05, 1e-4
 """Expected decrease of chi^2 from which on a step is the last, and nothing is evaluated after it: of a
 hypothesis (it moves by a fifth of a standard deviation, and is off by a part of that), of the answer."""
 HOPE = 4.0
-"""Of what the next step promises: a fit falls by less from there on."""
+"""A fit is taken to lower chi^2 in all by less than this times what its next step predicts."""
 FIRST_DAMPING, LAST_DAMPING = 1e-3, 1e4
 """Parts of the diagonal: nearly a Gauss-Newton step; steps so short that a fit ends there."""
 NEGLIGIBLE, EDGE = 1e-4, 1e-2
-"""Decrease of chi^2, and damping from which on it means that the minimum is at an edge of the law."""
+"""A step that lowers chi^2 by less than the first, at a damping above the second, ends a fit: the minimum is
+at a kink of the law."""
 HOPELESS = 1e20
 """Damping at which every matrix of finite numbers has a factor."""
 SINGULAR = 1e-14

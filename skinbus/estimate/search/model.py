@@ -10,9 +10,10 @@ r_i)^2 and the normal matrix by B (sum w_i J_i)(sum w_i J_i)'.
 
 Variances are those of :func:`weigh`, the same for all rivals: noise, the gains, and what the law cannot
 explain. A reading at full scale counts while the model predicts less. The misfit of a learned law has tails,
-those of Student's t with ``TAIL`` degrees of freedom, noise has none: of a part f of the variance that misfit
-causes, t with 4 + (TAIL - 4) / f^2 has the kurtosis. chi^2 is then nu log(1 + r^2 / (nu variance)), r^2 /
-variance where that is small, and weights are those of iterated least squares.
+those of Student's t with ``TAIL`` degrees of freedom, noise has none: if misfit makes a part f of the
+variance, the sum has the kurtosis of a t with 4 + (TAIL - 4) / f^2 degrees of freedom. chi^2 is then nu
+log(1 + r^2 / (nu variance)), r^2 / variance where that is small, and weights are those of iterated least
+squares.
 
 Source: K. Lange, R. Little, J. Taylor, Robust statistical modeling using the t distribution (1989).
 """

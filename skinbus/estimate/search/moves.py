@@ -31,8 +31,8 @@ from skinbus.estimate.search.model import feels
 from skinbus.jit import inner_kernel
 
 FELT, ENOUGH = 3.0, 4
-"""Standard deviations from which on a residual may be a contact; tactels that a contact presses by their
-threshold, from which on its place has one mode."""
+"""A residual of more standard deviations may be a contact. The place of a contact that presses so many
+tactels beyond their thresholds has one mode."""
 AROUND, DIRECTIONS = 0.6, 5
 """Pitches at which places around a contact are tried, beyond its own mode but before the next tactel, and how
 many: one is towards the nearest tactel."""
