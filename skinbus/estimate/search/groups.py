@@ -1,10 +1,10 @@
 """Groups of contacts whose cores overlap, each solved by the search, from the strongest to the weakest.
 
-All groups are fitted before any is searched: what a contact presses beside it is known only then. The search
-of a group keeps a list of hypotheses. It begins with the contacts of that fit, and tries the moves from the
-best hypothesis, until nothing better comes of them; then, at ``full`` and where the best misfits, from the
-best rival. ``full`` also adds contacts to a hypothesis that explains the readings. The budget is asked before
-each hypothesis.
+Groups that others press are fitted before any is searched: what a contact presses beside it is known only
+then. The search of a group keeps a list of hypotheses. It begins with its contacts, and tries the moves from
+the best hypothesis, until nothing better comes of them; then, at ``full`` and where the best misfits, from
+the best rival. ``full`` also adds contacts to a hypothesis that explains the readings. The budget is asked
+before each hypothesis.
 """
 
 from __future__ import annotations
@@ -144,9 +144,9 @@ def list_tactels(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
 
 
 @inner_kernel
-def press_from_outside(lay: Layout, w: Work, q: Search, link: int, first: int, k: int) -> None:
-    """Write to ``back`` what contacts of other groups press."""
-    surface, near = surface_of(lay.link, link), q.row
+def press_from_outside(lay: Layout, w: Work, q: Search, link: int, first: int, k: int) -> bool:
+    """Write to ``back`` what contacts of other groups press; return whether any of it is above noise."""
+    surface, near, is_pressed = surface_of(lay.link, link), q.row, False
     for t in range(q.n_listed[0]):
         q.back[t] = 0.0
     for c in range(w.n_contacts[0]):
@@ -159,6 +159,9 @@ def press_from_outside(lay: Layout, w: Work, q: Search, link: int, first: int, k
                 )
             if is_beside:
                 press(lay, q, link, w.place, c, q.back, -1)
+    for t in range(q.n_listed[0]):
+        is_pressed |= q.back[t] > lay.sigma[q.listed[t]]
+    return is_pressed
 
 
 @inner_kernel
@@ -180,7 +183,8 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
     list_tactels(lay, w, q, link, k)
     if q.n_listed[0] == 0:
         return
-    press_from_outside(lay, w, q, link, first, k)
+    if not (press_from_outside(lay, w, q, link, first, k) or search):
+        return
     kind = set_priors(lay, q, law_of(lay, w, q.rows[0]))
     for tailed in range(2):
         k = take_group(w, q, first)
