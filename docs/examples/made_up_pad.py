@@ -1,6 +1,9 @@
 """A sensor that is not there: in the second half of each minute a finger goes round on 16 tactels.
 
-skinbus patch skin-patch --reader made_up_pad:read --node 5 --interface udp_multicast
+skinbus board new --grid 4x4 --pitch-mm 10 --bits 16 --out pad.eds
+skinbus patch pad.eds --reader made_up_pad:read --node 5 --interface udp_multicast
+
+`skinbus board check` wants a board that nothing presses: begin it with the patch, with --syncs 400.
 """
 
 import time

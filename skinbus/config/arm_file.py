@@ -78,7 +78,7 @@ class ArmFile:
         """This file and those that it names, each once: of boards, of the robot, of meshes."""
         names = [eds for mounting in self.mountings if is_path(eds := mounting.eds)]
         names += [link.mesh for link in self.links if isinstance(link, MeshTable)]
-        if self.robot is not None:
+        if self.robot:
             names.append(self.robot.urdf)
         found = [self.path, *(beside(name, self.path) for name in names)]
         return tuple(dict.fromkeys(file.resolve() for file in found))

@@ -94,7 +94,7 @@ class Master(Core):
         stages = self.cycle.baseline, self.cycle.plausibility
         plans = expected_nodes(arm, ods)
         self.robot = None
-        if arm.robot is not None:
+        if arm.robot:
             from skinbus.master.robot import MasterRobot  # nobody else pays for it
 
             self.robot = MasterRobot(arm)

@@ -38,7 +38,7 @@ class MasterRobot:
             ConfigError: the URDF, or the arm file that goes with it, has faults.
             SkinbusError: yourdfpy is not installed.
         """
-        assert arm.robot is not None
+        assert arm.robot
         self.frames = RobotFrames(arm)
         self.positions = JointPositions(self.frames.chain, arm.robot)
         self._outputs: list[_Objects] = []

@@ -68,10 +68,11 @@ class Chain(NamedTuple):
         return np.asarray(is_limited & beyond)
 
 
-def check_robot(arm: Arm) -> None:
-    """Check what an arm file says of its robot, if it has one; errors are those of :func:`load_chain`."""
-    if arm.robot is not None:
+def check_robot(arm: Arm) -> Arm:
+    """Return an arm whose robot, if its file has one, can be used; errors are those of :func:`load_chain`."""
+    if arm.robot:
         load_chain(arm.robot)
+    return arm
 
 
 def check_positions(chain: Chain, positions: Floats) -> None:

@@ -96,7 +96,7 @@ class RobotFrames:
     """
 
     def __init__(self, arm: Arm) -> None:
-        assert arm.robot is not None
+        assert arm.robot
         self.arm = arm
         self.chain = chain = load_chain(arm.robot)
         self._shapes = arm.link_shapes.T

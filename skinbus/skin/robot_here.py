@@ -31,7 +31,7 @@ class RobotHere:
         """
         self.robot = None
         """What takes joint positions; None without ``[robot]``."""
-        if arm is not None and arm.robot is not None:
+        if arm is not None and arm.robot:
             from skinbus.master.robot import MasterRobot  # nobody else pays for it
 
             self.robot = MasterRobot(arm)

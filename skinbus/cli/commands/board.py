@@ -118,10 +118,11 @@ def new(
     module: str | None,
     out: Path,
 ) -> None:
-    """Write a complete EDS: all readings mapped, identifiers that clash with no other board.
+    """Write the EDS of a board of your own.
 
-    It describes to the master and to any CANopen tool what your firmware must implement, see
-    docs/profile.md. Names and numbers of the vendor are yours to fill in.
+    All readings are mapped; identifiers clash with no other board. The file describes to the master and to
+    any CANopen tool what your firmware must implement, see docs/profile.md. Names and numbers of the vendor
+    are yours to fill in.
 
     The tactels are a grid, or --positions names a CSV file with a line for each. Its columns are u_mm and
     v_mm on the board; or x_mm, y_mm, z_mm, nx, ny, nz, points and normals of the surface, which is unrolled.
@@ -186,10 +187,11 @@ def _dcf_of(module: str, board: NewBoard) -> str:
 )
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for the files.")
 def import_skin(positions: Path, mesh: str | None, first_board: int, out: Path) -> None:
-    """Write an arm file and EDS files from POSITIONS, the tactels of a link in the format of the iCub.
+    """Make an arm from a file of positions of an iCub.
 
-    Each triangle is a patch of `skinbus gateway icub-mtb4`. The link gets the plane or the cylinder that is
-    nearest to its tactels; how far they are off it is printed. Never tried on a robot.
+    POSITIONS has the tactels of a link; an arm file and EDS files are written. Each triangle is a patch of
+    `skinbus gateway icub-mtb4`. The link gets the plane or the cylinder that is nearest to its tactels; how
+    far they are off it is printed. Never tried on a robot.
 
     Status 0: the arm can be used. 2: it has faults, which are listed; correct the files.
 
@@ -218,7 +220,9 @@ def import_skin(positions: Path, mesh: str | None, first_board: int, out: Path) 
 @command.command("lint")
 @click.argument("eds")
 def lint_eds(eds: str) -> None:
-    """Check an EDS: its text, its PDOs, and that it describes a board whose readings are all sent.
+    """Check the EDS of a board: text, PDOs, readings.
+
+    All readings of the board must be sent.
 
     Status 0: no fault. 2: faults; all of them are listed.
 
@@ -249,7 +253,7 @@ def lint_eds(eds: str) -> None:
     "--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder of the project."
 )
 def firmware(eds: str, out: Path) -> None:
-    """Write the firmware of the board that an EDS describes, as a C99 project.
+    """Write the firmware of a board as a C99 project.
 
     What your hardware has to do is six functions, see ports/skeleton.c in it and docs/firmware.md. Files of
     the project that you have changed are replaced: keep your port under a name of its own.

@@ -26,6 +26,7 @@ from skinbus.config.arm_file import find_arm
 from skinbus.config.system import load_arm
 from skinbus.errors import AddressError, BusError, ConfigError
 from skinbus.model import BusSettings
+from skinbus.robot.chain import check_robot
 from skinbus.skin.addresses import BusAddress, interface_of
 from skinbus.skin.shared_memory import MAX_NAME
 
@@ -169,7 +170,7 @@ def examine(name: str | None, where: Where) -> Iterator[Finding]:
     arm = None
     if name:
         try:
-            arm = load_arm(name)
+            arm = check_robot(load_arm(name))
             speeds = " and ".join(f"{bus.bitrate // 1000} kbit/s" for bus in arm.buses)
             patches = f"{counted(arm.n_patches, 'patch')} at {arm.bus.rate_hz:g} Hz"
             yield Finding("arm", f"{arm.name}: {patches}, {speeds}")
@@ -195,7 +196,7 @@ def examine(name: str | None, where: Where) -> Iterator[Finding]:
 def unit_text(arm: str | None = None) -> str:
     """Return the systemd unit of the master of an arm, with the path of this installation."""
     if arm:
-        load_arm(arm)  # refused here, not at every start
+        check_robot(load_arm(arm))  # refused here, not at every start
     file = str(find_arm(arm).resolve()) if arm else UNIT_ARM
     program = _word(str(Path(sys.executable).parent / "skinbus"))
     share = re.sub(r"[^A-Za-z0-9_.-]", "-", Path(file).stem)[:MAX_NAME]

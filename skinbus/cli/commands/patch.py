@@ -70,7 +70,7 @@ def command(
 
     \b
     Examples:
-      skinbus board new --grid 4x4 --pitch-mm 10 --out pad.eds
+      skinbus board new --grid 4x4 --pitch-mm 10 --bits 16 --out pad.eds
       skinbus patch pad.eds --reader made_up_pad:read --node 5 --channel can0
     """
     od = load_eds(eds, node_id)

@@ -61,8 +61,7 @@ def command(
     from skinbus.planning.plan import plans
     from skinbus.robot.chain import check_robot
 
-    loaded = load_arm(arm, check_load=False)
-    check_robot(loaded)
+    loaded = check_robot(load_arm(arm, check_load=False))
     console = Console()
     results = plans(
         loaded,

@@ -37,6 +37,7 @@ from skinbus.master.health import Health
 from skinbus.master.memory import Memory
 from skinbus.master.patches.table import PatchState
 from skinbus.model import Arm
+from skinbus.robot.chain import check_robot
 from skinbus.skin.addresses import shown
 from skinbus.skin.compile_ahead import allow_when_compiled, first_level, start_compiling
 from skinbus.skin.cycle import Cycle
@@ -97,7 +98,7 @@ def command(
       skinbus run forearm --channel can0 --share arm
       skinbus run arm-two-buses -c upper=can0 -c lower=can1
     """
-    loaded = load_arm(arm)
+    loaded = check_robot(load_arm(arm))
     places = where.places(*loaded.buses)
     console = Console(outlives_reader=True)
     with ExitStack() as ears:

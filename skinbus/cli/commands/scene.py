@@ -35,7 +35,9 @@ def command() -> None:
 @command.command("list")
 @click.argument("names", nargs=-1)
 def list_(names: tuple[str, ...]) -> None:
-    """List scenes, layers and effects, one line each; with NAMES, their parameters and defaults.
+    """List scenes, layers and effects.
+
+    One line each; with NAMES, their parameters and defaults.
 
     \b
     Examples:
@@ -64,6 +66,8 @@ def list_(names: tuple[str, ...]) -> None:
 def check(file: str) -> None:
     """Check the scene FILE (or a scene's name).
 
+    For an arm file the scene is a fingertip that presses some boards, one after the other.
+
     \b
     Examples:
       skinbus scene check my-scene.toml
@@ -81,7 +85,9 @@ def check(file: str) -> None:
 @click.argument("scene")
 @click.option("--cycles", type=click.IntRange(min=1), help="Cycles to play (default: the whole scene).")
 def cost(scene: str, cycles: int | None) -> None:
-    """Report what each part of SCENE costs per cycle, measured by leaving it out.
+    """Measure what each part of SCENE costs per cycle.
+
+    A part is left out, and the rest is timed.
 
     Times are processor times; a scene with every effect takes about a minute.
 

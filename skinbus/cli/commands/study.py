@@ -44,8 +44,9 @@ def command() -> None:
     "--trials", type=click.IntRange(min=20), default=400, show_default=True, help="Cycles of each point."
 )
 def arm(arms: tuple[str, ...], folder: Path, trials: int) -> None:
-    """Measure error against time for each ARM (a name or a TOML file; forearm), and say which level to run.
+    """Measure error against time for each ARM.
 
+    ARM is a name or a TOML file, by default forearm. The command says which level to run.
     Each level is measured with readings of 8 and 16 bits, on a calibrated skin under straight pushes and on
     an uncalibrated skin under inclined pushes. Computing is measured on this machine, the wire is the worst
     case that `skinbus plan` computes. If two levels differ by less than the scatter, the cheaper one is
@@ -83,7 +84,9 @@ def arm(arms: tuple[str, ...], folder: Path, trials: int) -> None:
     help="Random touches of each cell.",
 )
 def paper(folder: Path, trials: int) -> None:
-    """Remake figures 7 to 13 of the paper with all levels of the estimator, and its null zone.
+    """Remake figures 7 to 13 of the paper, and its null zone.
+
+    All levels of the estimator are drawn.
 
     \b
     Example:
