@@ -96,6 +96,10 @@ int main(int n, char **words)
     const int on = 1;
     strncpy(interface.ifr_name, words[1], IFNAMSIZ - 1);
     can = socket(PF_CAN, SOCK_RAW, CAN_RAW);
+    if (can < 0) { /* a kernel without CAN */
+        perror("CAN sockets");
+        return 1;
+    }
     setsockopt(can, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on);
     if (ioctl(can, SIOCGIFINDEX, &interface) == 0)
         address.can_ifindex = interface.ifr_ifindex;
