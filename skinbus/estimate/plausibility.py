@@ -182,7 +182,7 @@ in line with the tactel along v (1), along u (2) or not (0)."""
 
 
 class _Skin(NamedTuple):
-    """What judges the tactels of an arm knows of them."""
+    """The state by which the tactels of an arm are judged."""
 
     tactels: Rows
     boards: Rows

@@ -11,14 +11,15 @@ import numpy as np
 
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.firmware import write_project
-from skinbus.master.commissioning.patch_check import MS, RULES, Grade, PatchCheck
+from skinbus.master.commissioning.patch_check import RULES, Grade, PatchCheck
+from skinbus.node.context import NS_PER_MS
 from skinbus.node.layout import ImageLayout
 from skinbus.objects.eds import load_eds
 from tests.firmware.firmware_device import EMPTY, FLAGS, PORT, Code, FirmwareDevice
 
 NODE = 5
 N_SYNCS = 200
-LIMIT_NS = 300_000 * MS
+LIMIT_NS = 300_000 * NS_PER_MS
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def broken_rules(code: Code) -> dict[str, str]:
     device = SensingFirmware(code)
     wire.attach(device)
     od = load_eds("skin-patch", NODE)
-    core = PatchCheck(NODE, od, 5 * MS, RULES, n_syncs=N_SYNCS, ask=device.press, destructive=True)
+    core = PatchCheck(NODE, od, 5 * NS_PER_MS, RULES, n_syncs=N_SYNCS, ask=device.press, destructive=True)
     wire.attach(core)
     wire.run(LIMIT_NS)
     found = {r.rule.name: r.detail for r in core.results if r.grade is Grade.FAIL}

@@ -13,8 +13,9 @@ from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.cli.commands.board import command
 from skinbus.firmware import write_project
-from skinbus.master.commissioning.patch_check import MS, RULES, Grade, PatchCheck
+from skinbus.master.commissioning.patch_check import RULES, Grade, PatchCheck
 from skinbus.node import Device
+from skinbus.node.context import NS_PER_MS
 from skinbus.objects.eds import eds_names, find_eds, load_eds
 from skinbus.objects.eds_text import EdsText
 from skinbus.sim import load_scene
@@ -40,9 +41,9 @@ def check(device, eds="skin-patch", n_syncs=50):
     """Return the rules that a board breaks, and what was seen."""
     wire = VirtualBus(1_000_000, data_bitrate=2_000_000)
     wire.attach(device)
-    core = PatchCheck(NODE, load_eds(eds, NODE), 5 * MS, RULES, n_syncs=n_syncs, destructive=True)
+    core = PatchCheck(NODE, load_eds(eds, NODE), 5 * NS_PER_MS, RULES, n_syncs=n_syncs, destructive=True)
     wire.attach(core)
-    wire.run(200_000 * MS)
+    wire.run(200_000 * NS_PER_MS)
     assert len(core.results) == len(RULES)
     return {r.rule.name: r.detail for r in core.results if r.grade is Grade.FAIL}
 

@@ -1,6 +1,7 @@
 """The check of a board, run against the JavaScript stack as a device made from our own EDS."""
 
-from skinbus.master.commissioning.patch_check import MS, RULES, Grade, PatchCheck
+from skinbus.master.commissioning.patch_check import RULES, Grade, PatchCheck
+from skinbus.node.context import NS_PER_MS
 from skinbus.objects.eds import load_eds
 from tests.interop.peer import resolved_eds
 
@@ -13,7 +14,7 @@ def test_their_device_fails_the_rules_that_it_does_not_keep(bench, tmp_path):
     bench.ask("open", id=NODE, eds=str(resolved_eds("skin-patch", NODE, tmp_path)))
     bench.ask("start")
     od = load_eds("skin-patch", NODE)
-    check = PatchCheck(NODE, od, 5 * MS, SURVIVED, n_syncs=50, destructive=True)
+    check = PatchCheck(NODE, od, 5 * NS_PER_MS, SURVIVED, n_syncs=50, destructive=True)
     bench.attach(check)
     for _ in range(120):
         bench.pass_ms(1000)

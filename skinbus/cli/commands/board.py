@@ -27,7 +27,6 @@ from skinbus.file_bytes import read_bytes
 from skinbus.firmware import write_project
 from skinbus.gateway.positions import lay_flat
 from skinbus.master.commissioning.patch_check import (
-    MS,
     N_SYNCS,
     RULES,
     Grade,
@@ -35,6 +34,7 @@ from skinbus.master.commissioning.patch_check import (
     RuleResult,
 )
 from skinbus.master.commissioning.scan import Scanner
+from skinbus.node.context import NS_PER_MS
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import build_od, find_eds, load_eds, read_eds
 from skinbus.objects.eds_file import MAX_BYTES, decode_text
@@ -322,7 +322,7 @@ def check(
         core = PatchCheck(
             node_id,
             load_eds(eds, node_id),
-            round(response_ms * MS),
+            round(response_ms * NS_PER_MS),
             RULES,
             n_syncs=syncs,
             ask=console.print if press else None,

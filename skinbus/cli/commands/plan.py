@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import click
 
@@ -12,19 +12,18 @@ from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import compiling
 from skinbus.cli.options import LEVELS, Range, level_option
+from skinbus.config.arm_tables import Bitrate
 
 if TYPE_CHECKING:
     from skinbus.model import Arm
     from skinbus.planning.plan import Plan
 
 
-BITRATES = ("125000", "250000", "500000", "800000", "1000000")
-"""Those of arm files."""
-
-
 @click.command()
 @click.argument("arm")
-@click.option("--bitrate", type=click.Choice(BITRATES), help="Bit/s instead of the arm file's.")
+@click.option(
+    "--bitrate", type=click.Choice([*map(str, get_args(Bitrate))]), help="Bit/s instead of the arm file's."
+)
 @click.option("--rate", type=Range(0.5, 2000.0), help="SYNC rate in Hz instead of the arm file's.")
 @level_option("Level whose worst case must fit; `run` falls back to kmeans when time runs out.")
 @click.option(

@@ -45,7 +45,7 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
         w.group[c], w.again[c] = c, w.alive[c]
         if w.alive[c]:
             measure(lay, w, c)
-    for turn in range(3):  # fit all groups, search all, search those that have come together
+    for turn in range(3):  # fit those that others press, search all, search those that have come together
         join_groups(lay, w)
         for c in range(w.n_contacts[0]):
             w.again[c] = w.again[c] or turn == 1

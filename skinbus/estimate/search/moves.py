@@ -170,7 +170,7 @@ def propose_fewer(lay: Layout, q: Search, link: int, h: int) -> None:
 def propose_more(lay: Layout, q: Search, link: int, h: int) -> None:
     """Propose to add a contact at the two largest residuals, and to divide each along the residuals.
 
-    Where there are as many as the tactels can tell, a new contact replaces the least certain one.
+    With ten contacts, or one per ``PER_CONTACT`` tactels, a new one replaces that of the least certain force.
     """
     surface, pitch, theta, last, gone = surface_of(lay.link, link), q.pitch[0], q.theta, -1, -1
     for c in range(q.h_count[h] if q.h_count[h] >= min(GROUP, q.n_listed[0] // PER_CONTACT) else 0):

@@ -20,6 +20,7 @@ from skinbus.can.core import Step
 from skinbus.can.frame import RTR, Frame
 from skinbus.master.commissioning.node_id_assignment import LssMaster
 from skinbus.master.commissioning.sessions import Listen, Reply, Request, Script, ScriptCore, Timeouts
+from skinbus.node.context import NS_PER_MS
 from skinbus.node.nmt import nmt_frame
 from skinbus.node.sync import MAX_COUNTER
 from skinbus.objects import cia
@@ -28,24 +29,23 @@ from skinbus.objects.cia import NmtCommand
 from skinbus.objects.pdo import PdoMap, carries_readings, readings_in, tpdos
 from skinbus.objects.profile import number_at
 
-MS = 1_000_000
-BOOT_NS = 2_000 * MS
+BOOT_NS = 2_000 * NS_PER_MS
 """A board that has not booted after this has none of the loaders that are in use, which take 1 s at most."""
-TIMEOUTS = Timeouts(sdo_ns=500 * MS, store_ns=5_000 * MS)
+TIMEOUTS = Timeouts(sdo_ns=500 * NS_PER_MS, store_ns=5_000 * NS_PER_MS)
 HEARTBEAT_MS = 100
 N_SYNCS = 2000
 """SYNCs that are answered, 40 s: what is lost once in 300 is seen."""
 N_COMPARED = 4
 CHANGES = 5
 """Values of a reading from which it is more than a constant."""
-PRESS_NS = 30_000 * MS
+PRESS_NS = 30_000 * NS_PER_MS
 PRESSED = 3.0
 """Touch thresholds of a press."""
-SYNC_PERIOD_NS = 20 * MS
-ANSWER_NS = 100 * MS
+SYNC_PERIOD_NS = 20 * NS_PER_MS
+ANSWER_NS = 100 * NS_PER_MS
 """For what a node does at once: an EMCY, a change of state."""
 EMCY_LENGTH = 8
-STEP_NS = 30 * MS
+STEP_NS = 30 * NS_PER_MS
 """For answers to a frame in a dialogue; shorter than the times in the table."""
 
 
@@ -266,7 +266,8 @@ def _boots(patch: PatchCheck) -> Check:
     for command in (NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION):
         *before, last = (yield from patch.reset(command)) or [SYNC]
         after = f"after {command.name} (0x{command:02X})"
-        late = f"no boot-up message within {BOOT_NS // MS} ms {after}; send 0x700 + node-ID with a byte of 0"
+        wait = f"within {BOOT_NS // NS_PER_MS} ms {after}"
+        late = f"no boot-up message {wait}; send 0x700 + node-ID with a byte of 0"
         _need(is_boot_up(last), late)
         for frame in before:
             is_early = frame.can_id & 0x7F == patch.node_id and not patch.is_beat(frame)
@@ -278,13 +279,13 @@ def _boots(patch: PatchCheck) -> Check:
 
 def _heartbeat(patch: PatchCheck) -> Check:
     yield from _ask(_write(cia.HEARTBEAT_PRODUCER, 0, HEARTBEAT_MS, 2))
-    received = yield Listen((6 * HEARTBEAT_MS + HEARTBEAT_MS // 2) * MS)
+    received = yield Listen((6 * HEARTBEAT_MS + HEARTBEAT_MS // 2) * NS_PER_MS)
     times = [f.t_ns for f in received if patch.is_beat(f)]
     few = f"{len(times)} heartbeats in {6 * HEARTBEAT_MS} ms at a period of {HEARTBEAT_MS} ms"
     _need(len(times) >= 5, few)
-    worst = max(abs(b - a - HEARTBEAT_MS * MS) for a, b in pairwise(times[1:]))
-    off = f"heartbeats up to {worst / MS:.0f} ms off their period of {HEARTBEAT_MS} ms"
-    _need(worst <= 0.2 * HEARTBEAT_MS * MS, off)  # consumers wait 1.5 periods and more
+    worst = max(abs(b - a - HEARTBEAT_MS * NS_PER_MS) for a, b in pairwise(times[1:]))
+    off = f"heartbeats up to {worst / NS_PER_MS:.0f} ms off their period of {HEARTBEAT_MS} ms"
+    _need(worst <= 0.2 * HEARTBEAT_MS * NS_PER_MS, off)  # consumers wait 1.5 periods and more
 
 
 def _silent_before_start(patch: PatchCheck) -> Check:
@@ -339,8 +340,8 @@ def _readings(patch: PatchCheck) -> Check:
             patch.on_sync()
     yield from patch.command(NmtCommand.PRE_OPERATIONAL)
     yield _write(cia.SYNC_COUNTER_OVERFLOW, 0, 0, 1)
-    detail = f"{n} SYNCs; SYNC to the last TPDO: {slowest / MS:.2f} ms at most"
-    _need(slowest <= patch.response_ns, f"{detail}; wanted {patch.response_ns / MS:g} ms")
+    detail = f"{n} SYNCs; SYNC to the last TPDO: {slowest / NS_PER_MS:.2f} ms at most"
+    _need(slowest <= patch.response_ns, f"{detail}; wanted {patch.response_ns / NS_PER_MS:g} ms")
     return detail
 
 
@@ -371,7 +372,7 @@ def _channels(patch: PatchCheck) -> Check:
 def _beats_under_load(patch: PatchCheck) -> Check:
     yield from ()
     gaps = [b - a for beats in patch.beats for a, b in pairwise(beats)]
-    n_lost = sum(max(0, round(gap / (HEARTBEAT_MS * MS)) - 1) for gap in gaps)
+    n_lost = sum(max(0, round(gap / (HEARTBEAT_MS * NS_PER_MS)) - 1) for gap in gaps)
     lost = f"{n_lost} of {n_lost + len(gaps)} heartbeats are missing while SYNCs are answered"
     _need(not n_lost, f"{lost}; send them from a timer, and keep room for them in the send queue")
 
@@ -424,7 +425,7 @@ def _pressed(patch: PatchCheck) -> Check:
         values = yield from _sync_values(patch)
         if any(abs(v) * board.transducer.step > PRESSED * board.threshold for v in values):
             return (yield from _same_as_sdo(patch))
-    _need(None, f"no press was felt within {PRESS_NS // (1000 * MS)} s")
+    _need(None, f"no press was felt within {PRESS_NS // (1000 * NS_PER_MS)} s")
 
 
 def _left_adjusted(patch: PatchCheck) -> Check:
@@ -523,7 +524,7 @@ class Dialogue:
             ns = BOOT_NS if verb == "reset" else STEP_NS
             yield from self._hear(nmt_frame(COMMANDS[verb], self.node_id), ns=ns)
         elif verb == "++":
-            yield from self._hear(ns=int(words[0]) * MS)
+            yield from self._hear(ns=int(words[0]) * NS_PER_MS)
         elif verb in ("->", ">>", "=>"):
             frame = self._frame(words)
             is_filled = verb == "->" and frame.can_id & ~0x7F in (cia.SDO_CLIENT_BASE, 0x780)

@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 from skinbus.can.virtual_bus import VirtualBus
-from skinbus.master.commissioning.patch_check import MS, RULES, Grade, PatchCheck
+from skinbus.master.commissioning.patch_check import RULES, Grade, PatchCheck
 from skinbus.node import Device
+from skinbus.node.context import NS_PER_MS
 from skinbus.objects.eds import eds_names, find_eds, load_eds
 from tests.master.misbehaving import Delayed
 
 NODE = 5
 BOARDS = [name for name in eds_names() if name.startswith("skin-patch")]
-LIMIT_NS = 200_000 * MS
+LIMIT_NS = 200_000 * NS_PER_MS
 
 
 class Board(Delayed):
@@ -40,7 +41,7 @@ def check(board, eds="skin-patch", wire=None, rules=RULES, n_syncs=50, ask=None)
     wire = wire or VirtualBus(1_000_000, data_bitrate=2_000_000)
     wire.attach(board)
     od = load_eds(eds, NODE)
-    core = PatchCheck(NODE, od, 5 * MS, rules, n_syncs=n_syncs, ask=ask, destructive=True)
+    core = PatchCheck(NODE, od, 5 * NS_PER_MS, rules, n_syncs=n_syncs, ask=ask, destructive=True)
     wire.attach(core)
     wire.run(wire.now_ns + LIMIT_NS)
     assert [result.rule for result in core.results] == list(rules)
@@ -63,7 +64,7 @@ def test_stored_parameters_are_kept_unless_their_loss_is_accepted():
     wire = VirtualBus()
     board = device()
     wire.attach(board)
-    core = PatchCheck(NODE, load_eds("skin-patch", NODE), 5 * MS, RULES, n_syncs=50)
+    core = PatchCheck(NODE, load_eds("skin-patch", NODE), 5 * NS_PER_MS, RULES, n_syncs=50)
     wire.attach(core)
     wire.run(LIMIT_NS)
     assert core.passed
@@ -102,7 +103,7 @@ def beats_late():
         if frame.can_id != 0x705 or is_boot_up(frame):
             return frame
         n += 1
-        return frame._replace(t_ns=frame.t_ns + 40 * MS * (n % 2))
+        return frame._replace(t_ns=frame.t_ns + 40 * NS_PER_MS * (n % 2))
 
     return fault
 
@@ -229,12 +230,14 @@ DEFECTS = {
     "a TPDO dies at counter overflow": (lambda: Sensing(nth(is_last, lambda k: k >= 1240, drop)), "readings"),
     "one SYNC in 300 missed": (lambda: Sensing(nth(is_tpdo, lambda k: k % 1200 < 4 <= k, drop)), "readings"),
     "TPDOs out of order at times": (
-        lambda: Sensing(nth(is_tpdo, lambda k: k % 400 == 4, lambda f: f._replace(t_ns=f.t_ns + 2 * MS))),
+        lambda: Sensing(
+            nth(is_tpdo, lambda k: k % 400 == 4, lambda f: f._replace(t_ns=f.t_ns + 2 * NS_PER_MS))
+        ),
         "readings",
     ),
     "lost heartbeats": (lambda: Sensing(nth(is_beat, lambda k: k % 50 == 49, drop)), "heartbeat under load"),
     "a TPDO late once": (
-        lambda: Sensing(nth(is_last, lambda k: k == 900, lambda f: f._replace(t_ns=f.t_ns + 8 * MS))),
+        lambda: Sensing(nth(is_last, lambda k: k == 900, lambda f: f._replace(t_ns=f.t_ns + 8 * NS_PER_MS))),
         "readings",
     ),
     "a TPDO short once": (
