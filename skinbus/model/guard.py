@@ -1,0 +1,43 @@
+"""What an arm file asks of the guard: limits by region, and what is assumed of the stop."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from skinbus.arrays import Bools
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuardRegion:
+    """A part of the skin with limits of its own."""
+
+    name: str
+    tactels: Bools
+    """(n_tactels,) of the arm, which are in it."""
+    force: float = math.inf
+    """N: of a contact that lasts, and of each patch."""
+    pressure: float = math.inf
+    """Pa: of each tactel."""
+    transient_factor: float = 1.0
+    """By how much both may be exceeded for ``transient_ns``; patches compare with the product."""
+    source: str = ""
+    """Where the limits are from, in the user's words."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuardSettings:
+    """The guard of an arm."""
+
+    regions: tuple[GuardRegion, ...]
+    n: int = 1
+    m: int = 1
+    """A patch trips when n of its last m samples are beyond a limit."""
+    liveness_ns: int = 20_000_000
+    """From one "armed" of a patch to the next; two that are missing are a stop."""
+    transient_ns: int = 500_000_000
+    """How long a contact may be beyond a limit times 1, but not times the transient factor."""
+    reaction_ns: int = 0
+    """Assumed of the process or the relay, from GFC to its output."""
+    stop_ns: int = 0
+    """Assumed of the device that stops the robot, from that output to standstill."""

@@ -1,0 +1,82 @@
+"""Limits that a patch compares its readings with by itself, and what it says of that: the guard, as bytes.
+
+The limits are one object, written whole, so that a patch never compares with half of them::
+
+    n U8 | m U8 | sum limit I32 | by tactel: limit I16 | by tactel: weight U16 | CRC-16-CCITT of it all U16
+
+little-endian, in counts as the readings are sent. A sample is beyond them when the reading of a tactel is
+above its limit, or the sum of weight times reading above the sum limit. The guard trips when n of the
+last m samples are. The CRC has the generator 0x1021 and begins with 0, as that of 0x13FF (EN 50325-5).
+"""
+
+from __future__ import annotations
+
+import struct
+from binascii import crc_hqx
+from dataclasses import dataclass
+from enum import IntFlag
+from typing import Self
+
+import numpy as np
+
+from skinbus.arrays import Ints
+
+GFC_ID = 0x001
+"""Global fail-safe command (EN 50325-5): a frame without data that everybody who can stop obeys."""
+
+NO_LIMIT = 0x7FFF
+"""Of a tactel: no reading is above it."""
+
+MAX_WEIGHT = 1023
+"""So large that the sum of 64 full readings fits 32 bits."""
+
+MAX_SAMPLES = 8
+"""Largest m."""
+
+_HEAD = struct.Struct("<BBi")
+
+
+class GuardState(IntFlag):
+    """Bits of "Guard/State"."""
+
+    ARMED = 0x01
+    """Limits are there, every guarded tactel is sampled in time, and none of the last samples has tripped."""
+    TRIPPED = 0x02
+    """A limit was exceeded; stays until it is acknowledged."""
+
+
+@dataclass(frozen=True, slots=True)
+class GuardLimits:
+    """Limits of one patch."""
+
+    n: int
+    m: int
+    sum_limit: int
+    limits: Ints
+    """(n_tactels,) counts."""
+    weights: Ints
+    """(n_tactels,) 0..MAX_WEIGHT; a tactel with weight 0 and NO_LIMIT is not guarded."""
+
+    def encode(self) -> bytes:
+        """Return the bytes of the object."""
+        body = _HEAD.pack(self.n, self.m, self.sum_limit)
+        body += self.limits.astype("<i2").tobytes() + self.weights.astype("<u2").tobytes()
+        return body + crc_hqx(body, 0).to_bytes(2, "little")
+
+    @classmethod
+    def decode(cls, data: bytes, n_tactels: int) -> Self:
+        """Return what the bytes of the object say.
+
+        Raises:
+            ValueError: wrong length, checksum, n, m or weight.
+        """
+        if len(data) != _HEAD.size + 4 * n_tactels + 2:
+            raise ValueError(f"{len(data)} bytes; wanted {_HEAD.size + 4 * n_tactels + 2}")
+        if crc_hqx(data[:-2], 0) != int.from_bytes(data[-2:], "little"):
+            raise ValueError("wrong checksum")
+        n, m, sum_limit = _HEAD.unpack_from(data)
+        limits = np.frombuffer(data, "<i2", n_tactels, _HEAD.size).astype(np.int64)
+        weights = np.frombuffer(data, "<u2", n_tactels, _HEAD.size + 2 * n_tactels).astype(np.int64)
+        if not 1 <= n <= m <= MAX_SAMPLES or weights.max() > MAX_WEIGHT:
+            raise ValueError(f"{n} of {m} samples, weights up to {weights.max()}")
+        return cls(n, m, sum_limit, limits, weights)
