@@ -26,6 +26,7 @@ from skinbus.config.arm_tables import (
     beside,
     is_path,
 )
+from skinbus.config.guard_tables import GuardTable, check_regions, regions_of
 from skinbus.config.placement import Mounting, mount
 from skinbus.config.robot_tables import JointTable, RobotTable, robot_settings
 from skinbus.config.toml_file import find_toml, read_toml
@@ -57,7 +58,7 @@ _MODELS: dict[str, type[Table]] = {
 }
 """Of arrays of tables."""
 
-_TABLES = sorted(["arm", "robot", *_MODELS])
+_TABLES = sorted(["arm", "guard", "robot", *_MODELS])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,6 +72,7 @@ class ArmFile:
     mountings: tuple[Mounting, ...]
     """Those of the first bus come first, and so on."""
     robot: RobotSettings | None
+    guard: GuardTable | None
     faults: FaultList
 
     @property
@@ -131,6 +133,11 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     mountings = mount(checked["patch"], checked["ring"], named, _names(tables, "link"), faults)
     mountings = _plug_in(mountings, boards, _names(tables, "bus"), faults)
     _check_unique("node_id", [(m.key, (m.bus, m.node_id)) for m in mountings], faults)
+    guard = _check(GuardTable, tables["guard"], "guard", faults) if "guard" in tables else None
+    if guard:
+        node_ids = [] if faults else [mounting.node_id for mounting in mountings]
+        _check_unique("name", [(key, region.name) for key, region in regions_of(guard)], faults)
+        check_regions(guard, named, _names(tables, "link"), node_ids, faults)
     return ArmFile(
         path=path,
         name=arm.name if arm else "",
@@ -138,6 +145,7 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
         links=tuple(link for _, link in links),
         mountings=tuple(mountings),
         robot=carrier,
+        guard=guard,
         faults=faults,
     )
 

@@ -12,6 +12,7 @@ from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.config.arm_file import ArmFile, find_arm, read_arm_file
 from skinbus.config.arm_tables import eds_beside
+from skinbus.config.guard_tables import guard_settings
 from skinbus.config.mesh_links import lay_links
 from skinbus.config.mounting import outside, overlap
 from skinbus.config.placement import Mounting
@@ -51,6 +52,8 @@ def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
         _check_mapped(arm, ods, file.mountings, faults)
         if check_load:
             _check_load(arm, ods, faults)
+        if file.guard:
+            arm.guard = guard_settings(file.guard, arm, faults)
         if not faults:
             return arm
     raise ConfigError(str(path), faults)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from skinbus.arrays import Floats
 from skinbus.model.bend import COLUMNS, bent
+from skinbus.model.guard import GuardSettings
 from skinbus.model.law import DEFAULT_LAW, Law
 from skinbus.model.limits import MOST_LENGTH, check_numbers
 from skinbus.model.patch import Patch
@@ -115,8 +116,11 @@ class Arm:
         patches: Sequence[PlacedPatch],
         *buses: BusSettings,
         robot: RobotSettings | None = None,
+        guard: GuardSettings | None = None,
     ) -> None:
         """``buses``: one with the usual settings if none is given; ``robot``: what carries the skin, if said.
+
+        ``guard``: its limits, if it has any.
 
         Raises:
             ValueError: there is no link or no patch, the patches do not come bus after bus, the buses have
@@ -129,6 +133,7 @@ class Arm:
         self.patches = tuple(patches)
         self.buses = buses or (BusSettings(),)
         self.robot = robot
+        self.guard = guard
         if len({settings.rate_hz for settings in self.buses}) > 1:
             raise ValueError("one cycle goes over all buses: they have one rate")
         numbers = [placed.bus for placed in patches]
@@ -219,8 +224,11 @@ class Arm:
 
     def part(self, bus: int) -> Arm:
         """Return the arm as far as it is on one bus, as an arm with one bus."""
-        patches = [replace(placed, bus=0) for placed in self.patches[self.patches_on(bus)]]
-        return Arm(self.name, self.links, patches, self.buses[bus])
+        here = self.patches_on(bus)
+        patches = [replace(placed, bus=0) for placed in self.patches[here]]
+        tactels = slice(*self.patch_start[[here.start, here.stop]].tolist())
+        guard = self.guard and self.guard.part(tactels)
+        return Arm(self.name, self.links, patches, self.buses[bus], guard=guard)
 
     def tactels_of(self, patch: int) -> slice:
         """Return the range of tactel numbers of a patch."""
@@ -260,12 +268,12 @@ class Arm:
     def with_law(self, law: Law) -> Arm:
         """Return the same arm with another contact law on every patch."""
         patches = [replace(p, patch=replace(p.patch, law=law)) for p in self.patches]
-        return Arm(self.name, self.links, patches, *self.buses, robot=self.robot)
+        return Arm(self.name, self.links, patches, *self.buses, robot=self.robot, guard=self.guard)
 
     def with_rate(self, rate_hz: float) -> Arm:
         """Return the same arm with another SYNC rate."""
         buses = [replace(settings, rate_hz=rate_hz) for settings in self.buses]
-        return Arm(self.name, self.links, self.patches, *buses, robot=self.robot)
+        return Arm(self.name, self.links, self.patches, *buses, robot=self.robot, guard=self.guard)
 
 
 def _chart(surface: Surface, placed: PlacedPatch) -> Floats:

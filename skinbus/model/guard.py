@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from skinbus.arrays import Bools
 
@@ -41,3 +41,8 @@ class GuardSettings:
     """Assumed of the process or the relay, from GFC to its output."""
     stop_ns: int = 0
     """Assumed of the device that stops the robot, from that output to standstill."""
+
+    def part(self, tactels: slice) -> GuardSettings:
+        """Return the guard of some of the tactels."""
+        regions = tuple(replace(region, tactels=region.tactels[tactels]) for region in self.regions)
+        return replace(self, regions=regions)

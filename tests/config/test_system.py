@@ -120,7 +120,7 @@ first_node_id = 120
         "patch[1].s_mm: is 'here'; wanted a number",
         "patch[2].link: is 'nowhere'; wanted the name of a link: tube, sheet",
         "ring[1].count: is 8; wanted node-IDs up to 126, not 127",
-        "extra: wanted one of arm, bus, joint, link, patch, ring, robot",
+        "extra: wanted one of arm, bus, guard, joint, link, patch, ring, robot",
     ]:
         assert any(line.startswith(key) for line in said), (key, said)
     assert len(said) == 10

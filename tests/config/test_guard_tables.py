@@ -1,0 +1,179 @@
+"""``[guard]`` of an arm file: regions become tactels with limits in SI units, faults come with their keys."""
+
+import math
+
+import numpy as np
+import pytest
+
+from skinbus.config.arm_file import read_arm_file
+from skinbus.config.system import load_arm
+from skinbus.errors import ConfigError
+from skinbus.model.law import DEFAULT_LAW
+
+ARM = """
+[arm]
+name = "guarded"
+[[bus]]
+name = "upper"
+[[bus]]
+name = "lower"
+[[link]]
+name = "tube"
+surface = "cylinder"
+length_mm = 300
+radius_mm = 50
+[[link]]
+name = "table"
+surface = "plane"
+length_mm = 100
+width_mm = 200
+[[ring]]
+link = "tube"
+s_mm = 50
+count = 6
+first_node_id = 1
+bus = "upper"
+[[patch]]
+node_id = 1
+link = "table"
+s_mm = 50
+a_mm = 60
+bus = "lower"
+set = { "Healthy tactels" = 0xFFFE }
+"""
+GUARD = """
+[guard]
+liveness_ms = 10
+samples = [2, 3]
+transient_ms = 250
+reaction_ms = 1.5
+stop_ms = 120
+"""
+REGION = """
+[[guard.region]]
+name = "{}"
+source = "a test"
+"""
+
+
+def load(tmp_path, text):
+    path = tmp_path / "arm.toml"
+    path.write_text(ARM + GUARD + text)
+    return load_arm(path)
+
+
+def region(name, keys):
+    return REGION.format(name) + keys
+
+
+def faults(tmp_path, text):
+    with pytest.raises(ConfigError) as caught:
+        load(tmp_path, text)
+    return [str(fault) for fault in caught.value.faults]
+
+
+def test_the_guard_is_read_in_si_units(tmp_path):
+    keys = "force_n = 100\npressure_kpa = 50\ntransient_factor = 2"
+    guard = load(tmp_path, region("all", keys)).guard
+    assert (guard.n, guard.m, guard.liveness_ns) == (2, 3, 10_000_000)
+    assert (guard.transient_ns, guard.reaction_ns, guard.stop_ns) == (250_000_000, 1_500_000, 120_000_000)
+    (whole,) = guard.regions
+    assert (whole.name, whole.source, whole.force, whole.pressure) == ("all", "a test", 100.0, 50e3)
+    assert whole.transient_factor == 2.0
+    assert whole.tactels.all()
+
+
+def test_an_arm_without_the_table_has_no_guard():
+    assert load_arm("pad").guard is None
+    assert load_arm("pad").with_rate(20.0).guard is None
+
+
+@pytest.mark.parametrize(
+    ("keys", "inside"),
+    [
+        ('link = "tube"', lambda arm: arm.tactel_link == 0),
+        ('link = "tube"\ns_mm = [0, 50]', lambda arm: (arm.tactel_link == 0) & (arm.tactel_s <= 0.05)),
+        (
+            'link = "tube"\nangle_deg = [150, 210]',
+            lambda arm: (arm.tactel_link == 0) & (abs(arm.tactel_a) >= math.radians(150) * 0.05),
+        ),
+        (
+            'link = "tube"\nangle_deg = [-30, 30]',
+            lambda arm: (arm.tactel_link == 0) & (abs(arm.tactel_a) <= math.radians(30) * 0.05),
+        ),
+        ('link = "table"\na_mm = [60, 90]', lambda arm: (arm.tactel_link == 1) & (arm.tactel_a >= 0.06)),
+        ("patches = [1, 3]", lambda arm: np.isin(arm.node_id, [1, 3])[arm.tactel_patch]),
+        ('link = "table"\npatches = [1]', lambda arm: arm.tactel_link == 1),
+    ],
+)
+def test_a_region_is_what_is_in_all_that_is_said(tmp_path, keys, inside):
+    arm = load(tmp_path, region("here", f"force_n = 50\n{keys}"))
+    (here,) = arm.guard.regions
+    np.testing.assert_array_equal(here.tactels, inside(arm))
+    assert 0 < here.tactels.sum() < arm.n_tactels
+    assert here.pressure == math.inf
+
+
+def test_the_guard_stays_with_an_arm_that_is_changed(tmp_path):
+    arm = load(tmp_path, region("all", 'force_n = 50\nlink = "table"'))
+    assert arm.with_rate(10.0).guard is arm.guard
+    assert arm.with_law(DEFAULT_LAW).guard is arm.guard
+    upper, lower = (arm.part(bus).guard.regions[0].tactels for bus in (0, 1))
+    assert (len(upper), upper.sum(), len(lower), lower.sum()) == (96, 0, 16, 16)
+
+
+def test_faults_of_all_regions_are_said_at_once(tmp_path):
+    text = "".join(
+        [
+            region("neither", ""),
+            region("link", 'force_n = 5\nlink = "tub"'),
+            region("around", 'force_n = 5\nlink = "table"\nangle_deg = [0, 10]'),
+            region("along", "force_n = 5\ns_mm = [0, 10]"),
+            region("patch", "force_n = 5\npatches = [2, 99]"),
+            region("patch", "force_n = 5"),
+        ]
+    )
+    assert faults(tmp_path, text) == [
+        "guard.region[6].name: is 'patch'; wanted another: guard.region[5] has it",
+        "guard.region[1]: wanted force_n or pressure_kpa, or both",
+        "guard.region[2].link: is 'tub'; wanted the name of a link: tube, table",
+        "guard.region[3].angle_deg: is [0.0, 10.0]; wanted no such key on a plane, which has a_mm",
+        "guard.region[4].s_mm: is [0.0, 10.0]; wanted a link beside it",
+        "guard.region[5].patches[2]: is 99; wanted the node-ID of a patch",
+    ]
+
+
+def test_values_are_checked_with_the_rest_of_the_file(tmp_path):
+    path = tmp_path / "arm.toml"
+    path.write_text(
+        ARM
+        + "[guard]\nliveness_ms = 0\nsamples = [3, 2]\n[[guard.region]]\nname = 'a'\nforce_n = -1\n"
+        + "s_mm = [5, 5]\ntransient_factor = 0.5\n"
+    )
+    keys = {fault.key for fault in read_arm_file(path).faults}
+    region_keys = {f"guard.region[1].{key}" for key in ("force_n", "s_mm", "transient_factor", "source")}
+    assert keys == {"guard.liveness_ms", "guard.samples", *region_keys}
+
+
+def test_a_guard_without_regions_is_refused(tmp_path):
+    assert [text.split(":")[0] for text in faults(tmp_path, "")] == ["guard.region"]
+
+
+def test_limits_that_no_reading_exceeds_are_refused(tmp_path):
+    """The usual board states 250 kPa, less half a step of a converter, on 25 cm2."""
+    text = region("low", "patches = [2]\npressure_kpa = 124\ntransient_factor = 2\nforce_n = 312")
+    assert load(tmp_path, text).guard
+    text = region("high", "pressure_kpa = 126\ntransient_factor = 2\npatches = [2]\nforce_n = 313")
+    assert faults(tmp_path, text) == [
+        "guard.region[1].force_n: is 313.0; wanted at most 312.3, what patch upper 2 can state by "
+        "transient_factor = 2",
+        "guard.region[1].pressure_kpa: is 126.0; wanted at most 125, what patch upper 2 can state by "
+        "transient_factor = 2",
+    ]
+
+
+def test_a_region_without_a_healthy_tactel_is_refused(tmp_path):
+    text = region("gap", 'force_n = 5\nlink = "tube"\ns_mm = [200, 210]')
+    # tactel 1 of the board on the table is declared dead
+    text += region("dead", 'force_n = 5\nlink = "table"\ns_mm = [30, 40]\na_mm = [40, 46]')
+    assert [text.split(":")[0] for text in faults(tmp_path, text)] == ["guard.region[1]", "guard.region[2]"]
