@@ -8,13 +8,18 @@ from skinbus.bus.socketcan import SocketCanBus
 
 
 def open_interface(
-    interface: str, channel: str | None = None, *, bitrate: int | None = None, fd: bool = False
+    interface: str,
+    channel: str | None = None,
+    *,
+    bitrate: int | None = None,
+    fd: bool = False,
+    without_numba: bool = False,
 ) -> Bus:
-    """Open an interface by its python-can name; the arguments are those of ``PythonCanBus``.
+    """Open an interface by its python-can name; the arguments are those of its class.
 
     Raises:
         BusError: it cannot be opened; the message says what to do.
     """
     if interface == "socketcan":
-        return SocketCanBus(channel or DEFAULT_CHANNELS["socketcan"], fd=fd)
+        return SocketCanBus(channel or DEFAULT_CHANNELS["socketcan"], fd=fd, without_numba=without_numba)
     return PythonCanBus(interface, channel, bitrate=bitrate, fd=fd)

@@ -53,10 +53,12 @@ class SocketCanBus(Bus):
         *,
         fd: bool = False,
         receive_buffer: int = RECEIVE_BUFFER,
+        without_numba: bool = False,
     ) -> None:
         """Open it; bit rates are set by ``ip link``, not here.
 
-        fd  whether CAN FD frames may be sent and are received
+        fd             whether CAN FD frames may be sent and are received
+        without_numba  for a core without a data plane: numba is not loaded
         Raises BusError that says what to do about it.
         """
         self.channel = channel
@@ -67,7 +69,7 @@ class SocketCanBus(Bus):
         self._receive_buffer = receive_buffer
         self._data_ids: CobIds = frozenset()
         self._control = self._open(None)
-        self._reader = BatchReader(self._control, self.clock, MAX_CONTROL)
+        self._reader = BatchReader(self._control, self.clock, MAX_CONTROL, without_numba=without_numba)
         self._writer = BatchWriter(self._control)
         self._data: socket.socket | None = None
         self._data_reader: BatchReader | None = None

@@ -7,7 +7,8 @@ import os
 import socket
 import struct
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,6 @@ from skinbus.can.frame import (
     FrameBatch,
     Frames,
 )
-from skinbus.jit import kernel
 
 CAN_MTU = 16
 CANFD_MTU = 72
@@ -148,7 +148,6 @@ def raise_receive_buffer(sock: socket.socket, size: int) -> None:
             continue
 
 
-@kernel
 def finish(
     can_id: Any,
     length: Any,
@@ -206,6 +205,14 @@ def finish(
     return dropped
 
 
+@cache
+def finish_kernel() -> Callable[..., Any]:
+    """Return ``finish``, compiled."""
+    from skinbus.jit import kernel  # numba: a guard does without
+
+    return kernel(finish)
+
+
 CHUNK = 256
 """Frames per system call: beyond that the time per frame no longer falls."""
 
@@ -215,7 +222,10 @@ _FRAME = struct.Struct("<IBB2x64s")
 class BatchReader:
     """Reads a raw CAN socket into a ``FrameBatch``; stamps are the kernel's, moved to our clock."""
 
-    def __init__(self, sock: socket.socket, clock: Clock, capacity: int) -> None:
+    def __init__(
+        self, sock: socket.socket, clock: Clock, capacity: int, *, without_numba: bool = False
+    ) -> None:
+        self._finish_rows = finish if without_numba else finish_kernel()
         self.batch = FrameBatch(capacity)
         self.n_dropped = 0
         """Frames the kernel had no room for since the socket was opened."""
@@ -260,7 +270,7 @@ class BatchReader:
         """Turn the n messages that were received into frames of ours, from row ``first`` on."""
         now_ns = self._last_ns[1] = self._clock.now_ns()
         self.n_dropped = int(
-            finish(
+            self._finish_rows(
                 *self._columns,
                 self.batch.t_ns,
                 self._words,

@@ -17,8 +17,6 @@ from skinbus.can.frame import Frame
 from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.stop_signals import Ending
-from skinbus.jit import on_compile
-from skinbus.jit.kernel_files import kernel_folder
 from skinbus.skin.addresses import BusAddress
 
 NOT_FOR_PEOPLE = {EventKind.STOP, EventKind.DROPPED, EventKind.NMT_STATE, EventKind.PATCH_STARTED}
@@ -37,6 +35,9 @@ def compiling(console: Console) -> Iterator[None]:
 
     Ctrl-C and SIGTERM end it between two kernels.
     """
+    from skinbus.jit import on_compile  # numba: a guard does without
+    from skinbus.jit.kernel_files import kernel_folder
+
     begin: list[float] = []
 
     def say() -> None:

@@ -18,7 +18,6 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.arrays import Floats
-from skinbus.jit import inner_kernel
 
 EXPONENTS = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 """Of x and y, by column of a row."""
@@ -38,18 +37,3 @@ def bent(bends: Floats, ds: npt.ArrayLike, da: npt.ArrayLike) -> Floats:
     b1, b2, b3, b4, b5, b6, b7, b8, b9 = np.moveaxis(bends, -1, 0)
     along, across = b1 + x * (b3 + b6 * x + b7 * y) + b4 * y, b2 + y * (b5 + b8 * x + b9 * y)
     return np.asarray(np.clip(1.0 + x * along + y * across, 1.0 / MOST, MOST))
-
-
-@inner_kernel
-def bend_at(bends: Floats, i: int, x: float, y: float) -> tuple[float, float, float]:
-    """Return the correction of tactel i for a place at (x, y) from it, and its derivatives by x and y."""
-    u = x * (bends[i, 2] + bends[i, 5] * x + bends[i, 6] * y)
-    v = y * (bends[i, 4] + bends[i, 7] * x + bends[i, 8] * y)
-    along, across = bends[i, 0] + u + bends[i, 3] * y, bends[i, 1] + v
-    factor = 1.0 + x * along + y * across
-    if factor < 1.0 / MOST:
-        return 1.0 / MOST, 0.0, 0.0
-    if factor > MOST:
-        return MOST, 0.0, 0.0
-    by_x = along + u + bends[i, 5] * x * x + bends[i, 7] * y * y
-    return factor, by_x, across + v + bends[i, 8] * y * y + x * (bends[i, 3] + bends[i, 6] * x)

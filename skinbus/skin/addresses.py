@@ -31,10 +31,14 @@ class BusAddress(NamedTuple):
     data_bitrate: int | None = None
     """Of CAN FD; None for classic CAN."""
 
-    def open(self) -> Bus:
+    def open(self, *, without_numba: bool = False) -> Bus:
         """Open it; BusError says what to do if that fails."""
         return open_interface(
-            self.interface, self.channel, bitrate=self.bitrate, fd=self.data_bitrate is not None
+            self.interface,
+            self.channel,
+            bitrate=self.bitrate,
+            fd=self.data_bitrate is not None,
+            without_numba=without_numba,
         )
 
     def __str__(self) -> str:

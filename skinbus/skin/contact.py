@@ -14,6 +14,8 @@ from skinbus.arrays import Floats, Ints
 from skinbus.errors import ArgumentError, LocalProtocolError
 from skinbus.estimate import LEVELS, Quality, TrackState
 from skinbus.skin.layout import SkinLayout
+from skinbus.skin.records import CONTACT as CONTACT
+from skinbus.skin.records import UNKNOWN_LEVEL as UNKNOWN_LEVEL
 
 if TYPE_CHECKING:
     from skinbus.robot import RobotContacts
@@ -23,22 +25,6 @@ Records = npt.NDArray[Any]
 Level = Literal["kmeans", "fit", "full"]
 """Of the estimator."""
 Frame = Literal["surface", "link", "base", "tool"]
-
-CONTACT = np.dtype(
-    [
-        ("identity", "<i8"),
-        ("seen_ns", "<i8"),
-        *[(name, "<u4") for name in ("id", "link", "state", "quality", "level", "has_covariance")],
-        *[(name, "<f8") for name in ("s", "a", "force")],
-        ("point", "<f8", 3),
-        ("normal", "<f8", 3),
-        ("covariance", "<f8", (3, 3)),
-    ]
-)
-"""A contact as a record of 184 bytes: what shared memory holds, see ``docs/shared-memory.md``."""
-
-UNKNOWN_LEVEL = 255
-"""Level of a record of which neither level nor quality is known."""
 
 NO_ROBOT = "joints, frames and torques need [robot] in the arm file, which attach(NAME, arm=...) needs too"
 _ROWS = {"link": 0, "base": 1, "tool": 2}

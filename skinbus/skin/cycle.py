@@ -27,12 +27,10 @@ from skinbus.skin.contact import UNKNOWN_LEVEL as UNKNOWN_LEVEL
 from skinbus.skin.contact import Contact as Contact
 from skinbus.skin.contact import link_name as link_name
 from skinbus.skin.layout import SkinLayout as SkinLayout
+from skinbus.skin.records import PATCH as PATCH
 
 if TYPE_CHECKING:
     from skinbus.robot import RobotContacts
-
-PATCH = np.dtype([("last_fresh_ns", "<i8"), ("state", "<u4"), ("emcy", "<u4")])
-"""The state of a patch as a record of 16 bytes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -60,7 +60,7 @@ class SkinLayout:
             round(1e9 / arm.bus.rate_hz),
             X_LS,
             joints,
-            _digest(arm),
+            digest(arm),
         )
 
     @property
@@ -89,7 +89,7 @@ class SkinLayout:
         return slice(end - int(self.patch_tactels[patch]), end)
 
 
-def _digest(arm: Arm) -> int:
+def digest(arm: Arm) -> int:
     """Return a number of 64 bits for where links, boards and tactels are; never 0."""
     parts: list[npt.ArrayLike] = [arm.node_id, arm.patch_bus, arm.patch_link, arm.patch_s, arm.patch_a]
     parts += [arm.patch_start, arm.tactel_s, arm.tactel_a]

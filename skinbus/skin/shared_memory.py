@@ -33,15 +33,17 @@ import struct
 import threading
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from skinbus.arrays import Bytes
 from skinbus.errors import ArgumentError, ShareError
-from skinbus.estimate import LEVELS
-from skinbus.skin.contact import CONTACT, UNKNOWN_LEVEL
-from skinbus.skin.cycle import PATCH, Cycle, SkinLayout
+from skinbus.skin.layout import SkinLayout
+from skinbus.skin.records import CONTACT, PATCH, UNKNOWN_LEVEL
+
+if TYPE_CHECKING:
+    from skinbus.skin.cycle import Cycle
 
 FOLDER = Path("/dev/shm")
 """Where shm_open(3) of the C library keeps its objects on Linux."""
@@ -121,6 +123,8 @@ def _places(
 
 def fill(slot: np.void, cycle: Cycle, number: int) -> None:
     """Write a cycle to a slot, but for its sequence."""
+    from skinbus.estimate import LEVELS  # not for readers: a guard does without the estimator
+
     records, readings = cycle.records[:MAX_CONTACTS], cycle.readings
     slot["number"], slot["t_ns"], slot["latency_ns"] = number, cycle.t_ns, round(1e9 * cycle.latency_s)
     slot["level"] = LEVELS.index(cycle.level) if cycle.level else UNKNOWN_LEVEL

@@ -12,11 +12,12 @@ from skinbus.jit.kernel_files import KernelFolder, kernel_folder
 USE_A_KERNEL = """
 import logging
 import numpy as np
-from skinbus.bus.socketcan_batch import finish
+from skinbus.bus.socketcan_batch import finish_kernel
 from skinbus.jit import on_compile
 compiled, octets, times = [], np.zeros(1, np.uint8), np.zeros(2, np.int64)
 words = np.zeros((1, 8), np.int64)
 with on_compile(lambda: compiled.append(1)):
+    finish = finish_kernel()
     dropped = finish(np.zeros(1, np.uint32), octets, octets, octets, times, words, words, 0, 0, 0, times, 123)
 print(dropped, "compiled" if compiled else "loaded")
 """

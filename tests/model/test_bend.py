@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from skinbus.model.bend import COLUMNS, MOST, POWERS, bend_at, bent
+from skinbus.model.bend import COLUMNS, MOST, POWERS, bent
+from skinbus.model.bend_kernel import bend_at
 
 
 def test_kernels_and_tables_agree_and_derivatives_are_those_of_the_value():

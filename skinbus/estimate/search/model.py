@@ -29,7 +29,7 @@ from skinbus.estimate.kernels.law import amplitude, misfit_at, pressure, reach, 
 from skinbus.estimate.kernels.layout import MISFIT, PEAK, PROFILED, UNSIZED, Layout
 from skinbus.estimate.kernels.workspace import SATURATED, Search, Work
 from skinbus.jit import inner_kernel
-from skinbus.model.bend import bend_at
+from skinbus.model.bend_kernel import bend_at
 
 GAINS = 0.37
 """Part of the misfit of a shipped law that gains cause: sizes cause the rest, and they are unknowns."""
