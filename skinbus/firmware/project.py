@@ -21,7 +21,7 @@ from skinbus.objects import cia
 from skinbus.objects.dcf import is_verified
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import Direction, pdo_numbers
-from skinbus.objects.profile import COMMUNICATION_CHECKSUM, SAMPLE_COUNTER, find
+from skinbus.objects.profile import COMMUNICATION_CHECKSUM, GUARD_LIMITS, SAMPLE_COUNTER, find
 
 NODE_ID = 1
 """Node-ID at which the dictionary is read; what depends on it is stored without it."""
@@ -97,7 +97,8 @@ def _runs(entries: Iterable[ImageEntry]) -> list[Run]:
 
 def _texts(eds: str, od: ObjectDictionary, layout: ImageLayout) -> tuple[str, str]:
     """Return the text of the header and that of the tables."""
-    runs = _runs(layout.entries.values())
+    # the core does not guard yet
+    runs = _runs(entry for entry in layout.entries.values() if entry.variable.name != GUARD_LIMITS)
     rooms = [run for run in runs if _is_room(run.entries[0])]
     image = b"".join(_bytes(entry) for run in runs if run not in rooms for entry in run.entries)
     limits = {limit: None for run in runs if (limit := _limits(run.entries[0])) != (None, None)}

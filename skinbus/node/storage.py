@@ -33,6 +33,7 @@ from skinbus.objects.cia import (
     VERIFY_TIME,
     AbortCode,
 )
+from skinbus.objects.profile import GUARD_LIMITS
 
 COMMUNICATION = "communication"
 APPLICATION = "application"
@@ -64,8 +65,9 @@ Act = Callable[[str], object]
 
 
 def is_parameter(entry: ImageEntry) -> bool:
-    """Whether an entry is one that can be kept."""
-    return entry.writable and entry.readable and entry.index not in NOT_PARAMETERS
+    """Whether an entry is one that can be kept; limits of the guard never are: they must be of today."""
+    is_state = entry.index in NOT_PARAMETERS or entry.variable.name == GUARD_LIMITS
+    return entry.writable and entry.readable and not is_state
 
 
 Storage = MutableMapping[str, str]

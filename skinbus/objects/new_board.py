@@ -3,7 +3,7 @@
 All that depends on the tactels is made anew: readings, triggers, positions, gains and the like, and the TPDOs
 that carry the readings. Their identifiers are those of TPDO 1 to 4 of the predefined connection set, then
 those that it gives to RPDO 1 to 4, which a board leaves off: no two boards clash, whatever their node-IDs
-(CiA 301, 7.3.5).
+(CiA 301, 7.3.5). TPDO 9, that of the guard, takes the last of them where it is free.
 
 A module of others does not have the objects that describe tactels: in its DCF they are constants that only
 the master reads. What the module itself must be set are ParameterValues, which the master downloads: its
@@ -30,6 +30,9 @@ from skinbus.objects.pdo import carries_readings, readings_in, tpdos
 
 BASES = (*cia.TPDO_BASES, *cia.RPDO_BASES)
 """Identifiers of the TPDOs, less the node-ID."""
+
+GUARD_BASE = 0x6B0
+"""Of TPDO 9 where the readings take all of them: behind the TPDOs of the master, for node-ID 1 to 47."""
 
 LEAST_PA = 1_000
 MOST_PA = 100_000_000
@@ -133,7 +136,7 @@ class NewBoard:
         _resize(eds, "1a00", most := max(CLASSIC_BYTES, *map(len, mapped)))
         eds.put("1a00sub0", "HighLimit", most)
         first = {name: lines for name, lines in eds.sections.items() if re.match("1[8a]00", name)}
-        for name in [s for s in eds.sections if re.match("1[8a]0", s)]:
+        for name in [s for s in eds.sections if re.match("1[8a]0[0-7]", s)]:
             del eds.sections[name]
         for number, entries in enumerate(mapped):
             for name, lines in first.items():
@@ -144,6 +147,8 @@ class NewBoard:
             eds.put(f"1A{number:02X}sub0", "DefaultValue", len(entries))
             for sub, entry in enumerate(entries, 1):
                 eds.put(f"1A{number:02X}sub{sub:X}", "DefaultValue", f"0x{entry:08X}")
+        guard_base = BASES[-1] if len(mapped) < len(BASES) else GUARD_BASE
+        eds.put("1808sub1", "DefaultValue", f"$NODEID+0x{0xC0000000 + guard_base:08X}")
         title = f"skin patch of {n} tactels, " + ("CAN FD" if self.canfd else f"{self.reading_bits} bit")
         width, height = 2.0 * np.abs(uv_um).max(0) + pitch_um + ROOM_UM
         del eds.sections["comments"]
@@ -163,7 +168,7 @@ class NewBoard:
             "DeviceInfo ProductName": title,
             "DeviceInfo ProductNumber": f"0x{PRODUCT:08X}",
             "DeviceInfo OrderCode": f"SP-{n}-{'FD' if self.canfd else self.reading_bits}",
-            "DeviceInfo NrOfTXPDO": len(mapped),
+            "DeviceInfo NrOfTXPDO": len(mapped) + 1,
         }
         for place, value in values.items():
             section, _, key = place.partition(" ")

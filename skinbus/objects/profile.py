@@ -47,6 +47,14 @@ SAMPLE_STATUS = "Sampling/Sample status"
 SAMPLE_AGE = "Sampling/Sample age 100us"
 """Time from sampling to the SYNC; AGE_STEP_NS each, 0xFFFF for that or more."""
 AGE_STEP_NS = 100_000
+GUARD_STATE = "Guard/State"
+"""Bits of ``guard.GuardState``."""
+GUARD_TRIPPED_BY = "Guard/Tripped by"
+"""Number of the tactel from 1; 0 is the sum, or nothing."""
+GUARD_ACKNOWLEDGE = "Guard/Acknowledge"
+GUARD_PERIOD_US = "Guard/Sampling period us"
+GUARD_LIMITS = "Guard limits"
+"""Bytes of ``guard.GuardLimits``; nothing is guarded while they are empty."""
 FRAME_BYTES = "Board/Frame bytes"
 """Most bytes of a PDO of a board on CAN FD; others do not have it."""
 
@@ -97,6 +105,9 @@ MASTER_NODE_ID = 127
 
 ZERO = int.from_bytes(b"zero", "little")
 """Value of a command: take what the tactels read now as zero; a word, so that no slip of the hand does it."""
+
+ACKNOWLEDGE = int.from_bytes(b"ackn", "little")
+"""Value of "Guard/Acknowledge" that takes a trip of the guard back."""
 
 ROBOT_VALID = "Robot/Valid"
 ROBOT_JOINTS = "Robot/Joint count"

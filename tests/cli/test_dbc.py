@@ -8,7 +8,7 @@ import pytest
 
 from skinbus.cli.export.dbc import Device, dbc
 from skinbus.objects.eds import load_eds
-from skinbus.objects.pdo import tpdos
+from skinbus.objects.pdo import carries_readings, tpdos
 
 BOARDS = ["skin-patch", "skin-patch-8bit", "skin-patch-8x8", "skin-patch-fd", "skin-patch-fd32"]
 
@@ -31,7 +31,7 @@ def test_readings_of_every_board_come_out_by_tactel_in_pascals(name):
     board = device(name, readings=scales)
     found = database(board, is_fd=True)
     n_readings = 0
-    for pdo in tpdos(board.od):
+    for pdo in filter(carries_readings, tpdos(board.od)):
         message = found.get_message_by_frame_id(pdo.cob_id)
         assert (message.length, message.is_fd) == (pdo.length, pdo.length > 8)
         assert message.senders == ["patch_5"]

@@ -101,6 +101,7 @@ def test_downloads_turn_a_delivered_patch_into_the_configured_one():
         (0x285, True, 4),
         (0x385, False, 8),
         (0x205, True, 8),
+        (0x505, False, 2),
     ]
     assert (maps[0].transmission_type, maps[0].event_timer_ms) == (254, 40)
 

@@ -6,6 +6,7 @@ import pytest
 
 from skinbus.model import grid
 from skinbus.objects.board import describe_patch
+from skinbus.objects.cia import restricted
 from skinbus.objects.eds import load_eds, read_eds
 from skinbus.objects.eds_lint import lint
 from skinbus.objects.new_board import NewBoard
@@ -53,6 +54,15 @@ def test_two_boards_never_share_an_identifier(made):
     _, path = made
     ids = [pdo.cob_id for node_id in range(1, 128) for pdo in tpdos(load_eds(path, node_id)) if pdo.valid]
     assert len(set(ids)) == len(ids)
+
+
+def test_its_guard_has_an_identifier_of_its_own_and_is_off(made):
+    _, path = made
+    sent = tpdos(load_eds(path, 47))
+    ids = [pdo.cob_id for pdo in sent] + [pdo.cob_id for pdo in tpdos(load_eds("skin-master", 127))]
+    assert len(set(ids)) == len(ids)
+    assert not restricted(sent[-1].cob_id)
+    assert (sent[-1].number, sent[-1].valid, sent[-1].length) == (9, False, 2)
 
 
 def test_every_reading_is_sent_once_in_frames_of_its_bus(made):
