@@ -1,7 +1,5 @@
 """Two boards on CAN FD and a press, as files: for the tests of the virtual wire and of the real bus alike."""
 
-from skinbus.sim import load_scene
-
 PATCHES = [("skin-patch-fd", 16), ("skin-patch-fd32", 32)]
 """EDS and number of tactels."""
 CAN_FD = "canfd = true\ndata_bitrate = 5_000_000\n"
@@ -56,8 +54,3 @@ def write_scene_file(folder, eds):
     path = folder / "scene.toml"
     path.write_text(SCENE.format(arm=write_arm(folder, eds)))
     return path
-
-
-def write_scene(folder, eds):
-    """Write the files and load the scene."""
-    return load_scene(write_scene_file(folder, eds))

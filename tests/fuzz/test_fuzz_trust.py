@@ -17,7 +17,8 @@ from skinbus.master import Master
 from skinbus.objects import cia
 from skinbus.sim import World, load_scene
 from tests.master.misbehaving import Delayed, Tool, swapped_mappings
-from tests.master.misbehaving_rig import MS, TPDO_OF
+from tests.master.misbehaving_rig import TPDO_OF
+from tests.master.rig import MS
 
 SEED = 20_261_131
 """Not one of those that anything was tuned on."""

@@ -6,13 +6,10 @@ import numpy as np
 
 from skinbus.can.core import Core, Step
 from skinbus.can.frame import Frame
-from skinbus.can.virtual_bus import VirtualBus
-from skinbus.master import Master
 from skinbus.objects import cia
-from skinbus.sim import World, load_scene
 from tests.master.misbehaving import Delayed
+from tests.master.rig import Rig
 
-MS = 1_000_000
 TPDO_OF = {base: number for number, base in enumerate(cia.TPDO_BASES, 1)}
 
 
@@ -68,38 +65,29 @@ class Foreign(Core):
         return Step((Frame(cia.SYNC_ID, bytes([1])),), (), self.next_ns)
 
 
-class MisbehavingRig:
-    """A master, such patches, and what was used of them in each cycle."""
+class MisbehavingRig(Rig):
+    """A master of such patches; ``violations`` are readings that were used as fresh and are not."""
 
-    def __init__(self, scene_name):
-        scene = load_scene(scene_name)
-        self.arm = scene.arm
-        self.patches = Misbehaving(World(scene))
-        self.events = []
-        self.cycles = []
-        """Time of each cycle (ns), which patches were fresh (n_patches,), and latency (ns)."""
+    def __init__(self, scene):
+        super().__init__(scene, Misbehaving, level="kmeans")  # contacts are not looked at
         self.violations = []
-        self.master = Master(self.arm, level="kmeans", on_cycle=self._check)  # contacts are not looked at
         self.period_ns = self.master.period_ns
-        self.wire = VirtualBus(self.arm.bus.bitrate)
-        self.wire.attach(self.patches)
-        self.wire.attach(self.master, on_event=self.events.append)
-
-    def run(self, ms):
-        """Let bus time pass; return the share of its cycles in which each patch was fresh, (n_patches,)."""
-        n = len(self.cycles)
-        self.wire.run(self.wire.clock.now_ns() + round(ms * MS))
-        return np.mean([fresh for _, fresh, _ in self.cycles[n:]], axis=0)
 
     def kinds(self, node_id=None):
         """Kinds of events so far, of one patch if one is named."""
         return [event.kind for event in self.events if node_id in (None, event.node_id)]
 
-    def _check(self, report):
-        fresh = self.master.table.last_fresh >= report.t_ns
-        counts = self.master.gather.counts
-        for p in np.flatnonzero(fresh):
-            wrong = counts[self.arm.tactels_of(p)] != self.patches.own
-            if wrong.any():
-                self.violations.append((report.t_ns, int(p), int(wrong.sum())))
-        self.cycles.append((report.t_ns, fresh, report.latency_ns))
+    def take(self, report):
+        super().take(report)
+        for p in np.flatnonzero(report.fresh):
+            counts = self.master.gather.counts[self.scene.arm.tactels_of(p)]
+            if (counts != self.patches.own).any():
+                self.violations.append((report.t_ns, int(p)))
+
+
+def booted(scene):
+    """Return a rig whose patches all are fresh."""
+    rig = MisbehavingRig(scene)
+    rig.run(1300)
+    assert rig.fresh(200).all()
+    return rig

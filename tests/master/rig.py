@@ -6,13 +6,14 @@ from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.master import Master
 from skinbus.sim import World, load_scene
+from tests.master.misbehaving import Wrapped
 
 MS = 1_000_000
 READINGS = {0x180, 0x280, 0x380, 0x480}
 """COB-IDs of TPDO 1 to 4 of node 0."""
 
 
-class Patches(Core):
+class Patches(Wrapped):
     """A world whose patches can be unplugged: what they send is lost, what is sent to them unheard.
 
     ``is_cut`` is the whole bus cut through between master and patches, broadcasts and all;
@@ -21,26 +22,20 @@ class Patches(Core):
     """
 
     def __init__(self, world):
-        self.world = world
+        super().__init__(world)
         self.unplugged = set()
         self.is_cut = False
         self.added_counts = {}
         self.changes = {}
 
-    @property
-    def cob_ids(self):
-        return self.world.cob_ids
-
     def step(self, now_ns, frames):
         if self.is_cut:
-            return Step((), (), self.world.step(now_ns, ()).wake_ns)
-        step = self.world.step(
+            return Step((), (), super().step(now_ns, ()).wake_ns)
+        step = super().step(
             now_ns, [f for f in frames if f.can_id & 0x7F not in self.unplugged or f.can_id < 0x100]
         )
-        return Step(
-            [self.shifted(f) for f in step.frames if f.can_id & 0x7F not in self.unplugged],
-            step.events,
-            step.wake_ns,
+        return step._replace(
+            frames=[self.shifted(f) for f in step.frames if f.can_id & 0x7F not in self.unplugged]
         )
 
     def shifted(self, frame):
@@ -69,20 +64,28 @@ class Stranger(Core):
 
 
 class Rig:
-    """Everything that a test looks at."""
+    """Everything that a test looks at; ``boards`` wraps the world."""
 
-    def __init__(self, scene_name, **settings):
+    def __init__(self, scene_name, boards=Patches, **settings):
         self.scene = load_scene(scene_name)
         self.world = World(self.scene)
-        self.patches = Patches(self.world)
+        self.patches = boards(self.world)
         self.reports, self.events, self.frames = [], [], []
-        self.master = Master(self.scene.arm, on_cycle=self.reports.append, **settings)
-        self.wire = VirtualBus(self.scene.arm.bus.bitrate)
-        self.wire.attach(self.patches)
+        self.master = Master(self.scene.arm, on_cycle=self.take, **settings)
+        bus = self.scene.arm.bus
+        self.wire = VirtualBus(bus.bitrate, data_bitrate=bus.data_bitrate)
+        self.port = self.wire.attach(self.patches)
         self.wire.attach(self.master, on_event=self.events.append)
         self.wire.tap(self.frames.append)
         self.stranger = Stranger()
         self._stranger_port = self.wire.attach(self.stranger)
+
+    def take(self, report):
+        self.reports.append(report)
+
+    def fresh(self, ms):
+        """Let bus time pass; return the share of its cycles in which each patch was fresh, (n_patches,)."""
+        return np.mean([report.fresh for report in self.run(ms)[0]], axis=0)
 
     def run(self, ms):
         """Let bus time pass; return the cycles, events and frames of that time."""

@@ -1,24 +1,27 @@
-"""Reads entries of a master over SDO, from bytes to bytes."""
+"""Entries of a device over SDO, from bytes to bytes."""
 
 from skinbus.node.sdo_client import SdoClient
 
 MASTER = 127
 
 
-def read(master, index, sub):
-    """Read an entry of the master over SDO, from bytes to bytes."""
-    return transfer(master, lambda client: client.start_read(index, sub))
-
-
-def transfer(master, start):
-    client = SdoClient(MASTER)
+def transfer(device, start):
+    """Let our client, which ``start`` tells what to do, work on a device; return what came of it."""
+    client = SdoClient(device.node_id)
     start(client)
     frames = client.step(0)
     while client.busy:
-        step = master.device.step(0, frames)
+        step = device.step(0, frames)
         frames = client.step(0, step.frames)
     return client.result
 
 
+def write(device, index, sub, data):
+    """Write an entry; return what came of it."""
+    return transfer(device, lambda client: client.start_write(index, sub, data))
+
+
 def number(master, index, sub):
-    return int.from_bytes(read(master, index, sub).unwrap(), "little")
+    """Read a number of a master."""
+    result = transfer(master.device, lambda client: client.start_read(index, sub))
+    return int.from_bytes(result.unwrap(), "little")

@@ -10,7 +10,8 @@ from skinbus.can.frame import Frame
 from skinbus.objects.eds import load_eds
 from skinbus.objects.profile import COMMAND, PATCH_COMMAND, PATCH_SUSPECT, ZERO, index_of
 from tests.master.rig import MS, Rig
-from tests.master.sdo_reads import number, transfer
+from tests.master.sdo_reads import number
+from tests.master.sdo_reads import write as write_bytes
 
 OD = load_eds("skin-master", 127)
 ALL, _ = index_of(OD, COMMAND)
@@ -21,7 +22,7 @@ FAR_OFF = 3000
 
 
 def write(master, index, sub, value):
-    return transfer(master, lambda client: client.start_write(index, sub, value.to_bytes(4, "little")))
+    return write_bytes(master.device, index, sub, value.to_bytes(4, "little"))
 
 
 @pytest.fixture

@@ -3,16 +3,12 @@
 import numpy as np
 import pytest
 
-from skinbus.can.virtual_bus import VirtualBus
-from skinbus.master import Master
 from skinbus.master.patches.table import PatchState
-from skinbus.sim import World, load_scene
 from skinbus.skin.cycle import SkinLayout
 from skinbus.skin.feed import Feed
 from skinbus.skin.listened import ListenCore
+from tests.master.rig import MS, Rig
 
-MS = 1_000_000
-TOUCH_S = 1.0
 ARM = """
 [arm]
 name = "free"
@@ -59,53 +55,49 @@ def by_events(event_ms=0, *, on_change=True):
     return "{" + ", ".join(f'"{key}" = {value}' for key, value in values.items()) + "}"
 
 
-class Rig:
-    """Two boards on a plate, the world of a scene, and its master."""
+class FreeRig(Rig):
+    """Two boards on a plate, one of them or both run freely."""
 
     def __init__(self, folder, first, second, rate_hz=50.0):
         (folder / "free.toml").write_text(ARM.format(rate_hz=rate_hz, first=first, second=second))
         (folder / "scene.toml").write_text(SCENE)
-        self.scene = load_scene(folder / "scene.toml")
-        self.world = World(self.scene)
-        self.cycles, self.readings = [], []
-        self.wire = VirtualBus(self.scene.arm.bus.bitrate)
-        self.port = self.wire.attach(self.world)
-        self.master = Master(self.scene.arm, on_cycle=self.cycles.append)
-        self.wire.attach(self.master)
-        self.wire.tap(self.hear)
+        super().__init__(folder / "scene.toml")
         self.world.on_sample = self.note
         self.offset_ns = 0
 
-    def hear(self, frame):
-        if 0x180 <= frame.can_id < 0x500 and frame.can_id & 0x7F in (1, 2):
-            self.readings.append(frame)
-
     def note(self, now_ns, t_s):
-        if not self.offset_ns:
-            self.offset_ns = now_ns - round(1e9 * t_s)
+        self.offset_ns = self.offset_ns or now_ns - round(1e9 * t_s)
 
     def run_to(self, scene_s):
         """Return the cycles until a time of the scene; its first is the first SYNC."""
         if not self.offset_ns:
-            self.wire.run(self.wire.now_ns + 600 * MS)
+            self.run(600)
             assert self.offset_ns
-        del self.cycles[:], self.readings[:]
+        del self.reports[:], self.frames[:]
         self.wire.run(self.offset_ns + round(1e9 * scene_s))
-        return list(self.cycles)
+        return list(self.reports)
 
-    def fresh(self):
-        return np.mean([cycle.fresh for cycle in self.cycles], axis=0).tolist()
+    @property
+    def readings(self):
+        """What the boards have sent since then."""
+        return [
+            frame for frame in self.frames if 0x180 <= frame.can_id < 0x500 and frame.can_id & 0x7F in (1, 2)
+        ]
+
+    @property
+    def is_fresh(self):
+        return all(cycle.fresh.all() for cycle in self.reports)
 
 
 def test_patch_that_sends_on_change_is_fresh_beside_one_on_sync_and_silent_while_nothing_touches(tmp_path):
-    rig = Rig(tmp_path, by_events(), "{}")
+    rig = FreeRig(tmp_path, by_events(), "{}")
     rig.run_to(0.8)
     rig.run_to(0.99)
-    assert rig.fresh() == [1.0, 1.0]
+    assert rig.is_fresh
     assert {frame.can_id & 0x7F for frame in rig.readings} == {2}
     rig.run_to(1.1)
     cycles = rig.run_to(1.9)
-    assert rig.fresh() == [1.0, 1.0]
+    assert rig.is_fresh
     assert all(len(cycle.contacts) == 1 for cycle in cycles)
     assert cycles[-1].contacts.force[0] == pytest.approx(5.0, rel=0.2)
     assert len(cycles) == pytest.approx(0.8 * 50, abs=1), "cycles are those of the SYNC"
@@ -114,29 +106,29 @@ def test_patch_that_sends_on_change_is_fresh_beside_one_on_sync_and_silent_while
 
 
 def test_touch_on_patches_that_all_send_on_change_is_published_at_once_and_idle_costs_nothing(tmp_path):
-    rig = Rig(tmp_path, by_events(), by_events(), rate_hz=5.0)
+    rig = FreeRig(tmp_path, by_events(), by_events(), rate_hz=5.0)
     rig.run_to(0.5)
     cycles = rig.run_to(0.99)
     assert not rig.readings
     assert len(cycles) <= 3
-    assert rig.fresh() == [1.0, 1.0]
+    assert rig.is_fresh
     rig.run_to(1.03)
     crossing = min(frame.t_ns for frame in rig.readings)
-    (first, *_) = [cycle for cycle in rig.cycles if len(cycle.contacts)]
+    (first, *_) = [cycle for cycle in rig.reports if len(cycle.contacts)]
     assert first.t_ns + first.latency_ns - crossing < 5 * MS
     held = rig.run_to(1.9)
     assert len(held) < 10, "nothing changes"
     assert all(len(cycle.contacts) == 1 for cycle in held)
     rig.run_to(2.03)
-    assert not len(rig.cycles[-1].contacts)
+    assert not len(rig.reports[-1].contacts)
     assert len(rig.run_to(3.0)) < 10
 
 
 def test_patch_with_a_timer_of_its_own_is_used_with_the_age_of_its_frames(tmp_path):
-    rig = Rig(tmp_path, by_events(47, on_change=False), "{}")
+    rig = FreeRig(tmp_path, by_events(47, on_change=False), "{}")
     rig.run_to(1.1)
     cycles = rig.run_to(1.9)
-    assert rig.fresh() == [1.0, 1.0]
+    assert rig.is_fresh
     ages_ms = [(cycle.t_ns - cycle.tracks.seen_ns[0]) / MS for cycle in cycles]
     assert min(ages_ms) < 15
     assert 30 < max(ages_ms) <= 47
@@ -146,23 +138,20 @@ def test_patch_with_a_timer_of_its_own_is_used_with_the_age_of_its_frames(tmp_pa
 
 @pytest.mark.parametrize(("event_ms", "on_change"), [(40, False), (40, True), (0, True)])
 def test_patch_that_is_gone_is_not_used_and_is_again_when_it_is_back(tmp_path, event_ms, on_change):
-    rig = Rig(tmp_path, by_events(event_ms, on_change=on_change), "{}")
+    rig = FreeRig(tmp_path, by_events(event_ms, on_change=on_change), "{}")
     rig.run_to(1.5)
     assert rig.run_to(1.7)[-1].fresh.tolist() == [True, True]
-    rig.world.hosts[0].deaf = frozenset({1})
-    silence = rig.world.devices[0].step
-    rig.world.devices[0].step = lambda now_ns, frames=(): silence(now_ns, frames)._replace(frames=[])
+    rig.patches.unplugged = {1}
     rig.run_to(4.5)
-    assert rig.cycles[-1].fresh.tolist() == [False, True]
+    assert rig.reports[-1].fresh.tolist() == [False, True]
     assert not rig.master.table.is_running[0]
-    rig.world.hosts[0].deaf = frozenset()
-    rig.world.devices[0].step = silence
+    rig.patches.unplugged = set()
     rig.run_to(9.0)
-    assert rig.cycles[-1].fresh.tolist() == [True, True]
+    assert rig.reports[-1].fresh.tolist() == [True, True]
 
 
 def test_what_a_patch_sent_before_it_started_anew_is_not_used(tmp_path):
-    rig = Rig(tmp_path, by_events(), "{}")
+    rig = FreeRig(tmp_path, by_events(), "{}")
     rig.run_to(1.9)
     rig.world.devices[0].step(
         rig.wire.now_ns, [rig.readings[0]._replace(can_id=0, data=b"\x81\x01", flags=0)]
@@ -175,17 +164,16 @@ def test_what_a_patch_sent_before_it_started_anew_is_not_used(tmp_path):
 
 
 def test_a_listener_shows_what_a_quiet_patch_has_sent_until_its_timer_has_run_out(tmp_path):
-    rig = Rig(tmp_path, by_events(800), by_events(800), rate_hz=5.0)
+    rig = FreeRig(tmp_path, by_events(800), by_events(800), rate_hz=5.0)
     feed = Feed(SkinLayout.of(rig.scene.arm), "a test")
     feed.now_ns = rig.wire.clock.now_ns
     rig.wire.attach(ListenCore(rig.scene.arm, 127, feed, readings=True))
     rig.run_to(1.9)
     heard = feed.peek()
     assert heard.readings.valid.all()
-    assert np.abs(heard.readings.pressures - rig.cycles[-1].pressures).max() < 50.0
+    assert np.abs(heard.readings.pressures - rig.reports[-1].pressures).max() < 50.0
     assert heard.patch_records["state"].tolist() == [PatchState.OPERATIONAL] * 2
-    step = rig.world.devices[0].step
-    rig.world.devices[0].step = lambda now_ns, frames=(): step(now_ns, frames)._replace(frames=[])
+    rig.patches.unplugged = {1}
     rig.run_to(3.5)
     heard = feed.peek()
     assert heard.patch_records["state"].tolist() == [PatchState.SILENT, PatchState.OPERATIONAL]

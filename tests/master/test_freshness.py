@@ -4,16 +4,8 @@ import numpy as np
 import pytest
 
 from skinbus.can.event import EventKind
-from tests.master.misbehaving_rig import MS, Foreign, MisbehavingRig
-
-SEED = 7
-
-
-def booted(scene):
-    rig = MisbehavingRig(scene)
-    rig.run(1300)
-    assert rig.run(200).all()
-    return rig
+from tests.master.misbehaving_rig import Foreign, MisbehavingRig, booted
+from tests.master.rig import MS
 
 
 @pytest.mark.parametrize(
@@ -26,8 +18,7 @@ def test_patch_that_is_always_late_by_more_than_a_period_is_never_fresh_and_name
     rig.run(300)  # while it begins, it owes answers that never were late
     if not from_the_start:
         assert EventKind.READINGS_LOST in rig.kinds()
-    share = rig.run(4000)
-    assert share == 0.0
+    assert rig.fresh(4000) == 0.0
     assert EventKind.READINGS_LOST in rig.kinds()
     assert not rig.violations
 
@@ -35,12 +26,12 @@ def test_patch_that_is_always_late_by_more_than_a_period_is_never_fresh_and_name
 @pytest.mark.slow
 def test_patch_that_never_answers_in_full_costs_the_others_no_latency():
     rig = booted("forearm")
-    node_id = int(rig.arm.node_id[3])
+    node_id = int(rig.scene.arm.node_id[3])
 
     def p50_ms():
-        n = len(rig.cycles)
-        share = rig.run(2000)
-        return np.median([latency for _, _, latency in rig.cycles[n:]]) / MS, share
+        cycles, _, _ = rig.run(2000)
+        share = np.mean([cycle.fresh for cycle in cycles], axis=0)
+        return np.median([cycle.latency_ns for cycle in cycles]) / MS, share
 
     before, _ = p50_ms()
     rig.patches.delay = lambda node, tpdo: None if (node, tpdo) == (node_id, 2) else 0
@@ -59,8 +50,8 @@ def test_nothing_is_fresh_while_another_master_sends_sync():
     now_ns = rig.wire.clock.now_ns()
     rig.wire.attach(Foreign(70.0, now_ns + 7 * MS, now_ns + 3000 * MS))
     rig.run(30)
-    assert rig.run(2900) == 0.0
+    assert rig.fresh(2900) == 0.0
     assert EventKind.OTHER_MASTER in rig.kinds()
     rig.run(12_000)
-    assert (rig.run(400) == 1.0).all()
+    assert (rig.fresh(400) == 1.0).all()
     assert not rig.violations

@@ -8,27 +8,19 @@ from skinbus.can.core import Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from tests.master.full_queue import FullQueue
-from tests.master.misbehaving_rig import MS, MisbehavingRig
+from tests.master.misbehaving_rig import booted
+from tests.master.rig import MS
 
 BACK_MS = 1000
-
-
-def booted(scene="pad"):
-    rig = MisbehavingRig(scene)
-    rig.run(1300)
-    assert rig.run(200).all()
-    return rig
 
 
 def assert_back(rig):
     """All patches are fresh within the bound, and from then on in every cycle."""
     begin_ns = rig.wire.clock.now_ns()
-    n = len(rig.cycles)
-    rig.run(BACK_MS)
-    fresh = [t_ns for t_ns, fresh, _ in rig.cycles[n:] if fresh.all()]
+    fresh = [cycle.t_ns for cycle in rig.run(BACK_MS)[0] if cycle.fresh.all()]
     assert fresh, "not fresh"
     print(f"fresh after {(fresh[0] - begin_ns) / MS:.0f} ms")
-    assert rig.run(2000).min() == 1.0
+    assert rig.fresh(2000).min() == 1.0
     assert not rig.violations
 
 
@@ -36,7 +28,7 @@ def assert_back(rig):
 @pytest.mark.parametrize("room", [10, *(pytest.param(n, marks=pytest.mark.slow) for n in (0, 200))])
 @pytest.mark.parametrize("reports", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_after_syncs_that_a_full_queue_discarded_or_sent_late(room, stuck_ms, reports):
-    rig = booted()
+    rig = booted("pad")
     queue = FullQueue(rig.master, room, reports=reports)
     rig.run(stuck_ms)
     queue.is_stuck = False
@@ -78,11 +70,11 @@ class Babbler(Core):
 @pytest.mark.slow
 @pytest.mark.parametrize("phase_ms", [9, *(pytest.param(ms, marks=pytest.mark.slow) for ms in (0, 3, 17))])
 def test_after_a_node_that_babbled_under_the_identifier_of_a_patch(phase_ms):
-    rig = booted()
+    rig = booted("pad")
     rig.run(20 + phase_ms)
     now_ns = rig.wire.clock.now_ns()
     rig.wire.attach(Babbler(0x181, now_ns + 700 * MS, MS // 3))
-    assert rig.run(700).max() == 0.0
+    assert rig.fresh(700).max() == 0.0
     assert_back(rig)
 
 

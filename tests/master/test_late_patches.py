@@ -6,7 +6,7 @@ import pytest
 from skinbus.can.event import EventKind
 from skinbus.objects import cia
 from tests.master.misbehaving import Tool
-from tests.master.misbehaving_rig import MisbehavingRig
+from tests.master.misbehaving_rig import booted
 
 LINK = '[arm]\nname = "three"\nrate_hz = 50.0\n[[link]]\nname = "plate"\nsurface = "plane"\n'
 LINK += "length_mm = 180.0\nwidth_mm = 60.0\n"
@@ -20,10 +20,7 @@ OTHERS = [0, 2]
 def rig(tmp_path):
     (tmp_path / "arm.toml").write_text(LINK + "".join(PATCH.format(k, 60 * k - 30) for k in (1, 2, 3)))
     (tmp_path / "scene.toml").write_text(SCENE)
-    rig = MisbehavingRig(tmp_path / "scene.toml")
-    rig.run(1300)
-    assert rig.run(200).all()
-    return rig
+    return booted(tmp_path / "scene.toml")
 
 
 def lose_one(rig):
@@ -33,25 +30,25 @@ def lose_one(rig):
 
 def longest_periods(rig, n):
     """Longest time between the SYNCs of the cycles from the n-th on, in periods."""
-    return np.diff([t_ns for t_ns, _, _ in rig.cycles[n:]]).max() / rig.period_ns
+    return np.diff([cycle.t_ns for cycle in rig.reports[n:]]).max() / rig.period_ns
 
 
 def test_a_lost_frame_costs_the_other_patches_no_cycle(rig):
     lose_one(rig)
-    n = len(rig.cycles)
-    share = rig.run(1000)
+    n = len(rig.reports)
+    share = rig.fresh(1000)
     assert longest_periods(rig, n) < 1.5, "no SYNC is left out"
     assert (share[OTHERS] == 1.0).all()
     assert share[MIDDLE - 1] >= 0.8, "it is missing for ten cycles at most"
-    assert rig.run(400).all()
+    assert rig.fresh(400).all()
     assert not rig.violations
 
 
 @pytest.mark.parametrize("periods", [1.05, 3.2])
 def test_a_patch_that_is_late_is_tried_again_with_growing_pauses_and_never_used(rig, periods):
     rig.patches.delay = lambda node_id, tpdo: periods * rig.period_ns if node_id == MIDDLE else 0
-    n = len(rig.cycles)
-    share = rig.run(8000)
+    n = len(rig.reports)
+    share = rig.fresh(8000)
     assert share[MIDDLE - 1] < 0.01  # of answers that were under way when it began
     assert longest_periods(rig, n) < 1.5, "no SYNC is left out"
     assert (share[OTHERS] == 1.0).all()
@@ -59,7 +56,7 @@ def test_a_patch_that_is_late_is_tried_again_with_growing_pauses_and_never_used(
     assert EventKind.READINGS_LOST in rig.kinds(MIDDLE)
     rig.patches.delay = lambda node_id, tpdo: 0
     rig.run(9000)
-    assert rig.run(400).all()
+    assert rig.fresh(400).all()
     assert not rig.violations
 
 
@@ -69,10 +66,10 @@ def test_a_patch_that_does_not_obey_is_used_after_a_gap(rig):
         now_ns, [f for f in frames if f.can_id != cia.NMT_COMMAND_ID or f.data[1] != MIDDLE]
     )
     lose_one(rig)
-    n = len(rig.cycles)
+    n = len(rig.reports)
     rig.run(5000)
     assert longest_periods(rig, n) > 1.5
-    assert rig.run(400).all()
+    assert rig.fresh(400).all()
     assert not rig.violations
 
 

@@ -3,43 +3,31 @@
 import pytest
 
 from skinbus.can.frame import BRS, FD
-from skinbus.can.virtual_bus import VirtualBus
 from skinbus.can.wire_bits import classic_bits, fd_bits
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import ConfigError
-from skinbus.master import Master
 from skinbus.objects.bus_load import cyclic_load
-from skinbus.sim import World
-from tests.fd_arm import PATCHES, PRESS_S, write_arm, write_scene
-
-MS = 1_000_000
+from tests.fd_arm import PATCHES, PRESS_S, write_arm, write_scene_file
+from tests.master.rig import MS, Rig
 
 
 @pytest.mark.parametrize(("eds", "n"), PATCHES)
 def test_a_cycle_is_one_frame_a_patch_and_finds_the_press(tmp_path, eds, n):
-    scene = write_scene(tmp_path, eds)
-    bus = scene.arm.bus
-    reports, frames = [], []
-    wire = VirtualBus(bus.bitrate, data_bitrate=bus.data_bitrate)
-    wire.tap(frames.append)
-    wire.attach(World(scene))
-    wire.attach(Master(scene.arm, on_cycle=reports.append))
-    wire.run(1000 * MS)
-    begun, n_cycles = len(frames), len(reports)
-    wire.run(2000 * MS)
-    readings = [frame for frame in frames[begun:] if frame.can_id in (0x181, 0x182)]
+    rig = Rig(write_scene_file(tmp_path, eds))
+    arm = rig.scene.arm
+    rig.run(1000)
+    reports, _, frames = rig.run(1000)
+    readings = [frame for frame in frames if frame.can_id in (0x181, 0x182)]
     assert {len(frame.data) for frame in readings} == {{16: 48, 32: 64}[n]}, "readings and a stamp"
     assert {frame.flags for frame in readings} == {FD | BRS}
-    assert len(readings) == 2 * (len(reports) - n_cycles)
-    assert all(frame.flags == 0 for frame in frames[begun:] if frame.can_id not in (0x181, 0x182))
+    assert len(readings) == 2 * len(reports)
+    assert all(frame.flags == 0 for frame in frames if frame.can_id not in (0x181, 0x182))
     assert reports[-1].n_fresh == 2
     (contact,) = reports[-1].contacts.s
     assert contact == pytest.approx(PRESS_S, abs=2e-3)
-    long = [fd_bits(frame).ns(bus.bitrate, bus.data_bitrate) for frame in frames[begun:] if frame.flags & FD]
-    busy = sum(long) + sum(1000 * classic_bits(frame) for frame in frames[begun:] if not frame.flags & FD)
-    assert (
-        busy / (1000 * MS) <= cyclic_load(scene.arm, ods_of(scene.arm)) + 0.01
-    )  # heartbeats beside the cycle
+    long = [fd_bits(frame).ns(arm.bus.bitrate, arm.bus.data_bitrate) for frame in readings]
+    busy = sum(long) + sum(1000 * classic_bits(frame) for frame in frames if not frame.flags & FD)
+    assert busy / (1000 * MS) <= cyclic_load(arm, ods_of(arm)) + 0.01, "heartbeats beside the cycle"
 
 
 def test_a_patch_for_can_fd_on_a_classic_bus_is_refused(tmp_path):

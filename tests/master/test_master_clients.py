@@ -2,14 +2,12 @@
 
 import pytest
 
-from skinbus.can.core import Core, Step
 from skinbus.can.frame import Frame
-from skinbus.node.sdo_client import SdoClient
 from skinbus.objects import cia
 from skinbus.objects.contacts import ContactState
-from tests.master.rig import MS, Rig
+from tests.master.rig import Rig
+from tests.master.sdo_reads import MASTER, write
 
-MASTER = 127
 FIRST_CONTACT = 0x681
 SCENE = """
 [scene]
@@ -26,36 +24,12 @@ end_s = 1.5
 """
 
 
-class Client(Core):
-    """Sends what it is told at the next chance."""
-
-    cob_ids = frozenset({cia.SDO_SERVER_BASE + MASTER})
-
-    def __init__(self):
-        self.sdo = SdoClient(MASTER)
-        self.frames = []
-
-    def step(self, now_ns, frames):
-        out = [*self.frames, *self.sdo.step(now_ns, frames)]
-        self.frames = []
-        return Step(out, (), now_ns + MS)
-
-
 @pytest.fixture
 def bench(tmp_path):
     (tmp_path / "scene.toml").write_text(SCENE)
     bench = Rig(tmp_path / "scene.toml")
-    bench.client = Client()
-    bench.wire.attach(bench.client)
     bench.run(1000)
     return bench
-
-
-def write(bench, index, sub, data):
-    """Write over SDO; the abort code, None when it is accepted."""
-    bench.client.sdo.start_write(index, sub, data)
-    bench.run(50)
-    return bench.client.sdo.result.abort
 
 
 def last_contact(frames):
@@ -75,7 +49,10 @@ def last_contact(frames):
     ],
 )
 def test_what_the_cycle_lives_by_is_the_arm_files(bench, index, sub, value, size):
-    assert write(bench, index, sub, value.to_bytes(size, "little")) == cia.AbortCode.LOCAL_CONTROL
+    assert (
+        write(bench.master.device, index, sub, value.to_bytes(size, "little")).abort
+        == cia.AbortCode.LOCAL_CONTROL
+    )
     cycles, _, _ = bench.run(1000)
     assert len(cycles) == pytest.approx(1e9 / bench.master.period_ns, abs=1)
 
@@ -84,7 +61,7 @@ def test_what_the_cycle_lives_by_is_the_arm_files(bench, index, sub, value, size
 def test_no_pdo_of_the_master_gets_an_identifier_of_a_patch(bench, cob_id):
     def move(value):
         value |= cia.COB_ID_NO_RTR
-        return write(bench, cia.TPDO_COMMUNICATION + 1, 1, value.to_bytes(4, "little"))
+        return write(bench.master.device, cia.TPDO_COMMUNICATION + 1, 1, value.to_bytes(4, "little")).abort
 
     assert move(cia.COB_ID_INVALID | bench.master.device.get(cia.TPDO_COMMUNICATION + 1, 1)) is None
     assert move(cob_id) == cia.AbortCode.VALUE_INVALID
@@ -99,7 +76,7 @@ def test_reset_of_the_master_takes_its_contacts_back(bench, command, while_touch
         bench.run(460)  # the touch ends before the patches are up again
     frames = bench.run(20)[2]
     assert last_contact(frames)[1] == ContactState.HELD
-    bench.client.frames = [Frame(cia.NMT_COMMAND_ID, bytes([command, MASTER]))]
+    bench.say(Frame(cia.NMT_COMMAND_ID, bytes([command, MASTER])))
     _, _, frames = bench.run(10)
     force, state = last_contact(frames)
     assert (force, state) == (0, 0)

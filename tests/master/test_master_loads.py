@@ -1,15 +1,14 @@
 """What a master shows by SDO and, if asked, by a TPDO is that of its cycle: loads, quality of contacts."""
 
+import struct
+
 import numpy as np
 import pytest
 
-from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
-from skinbus.can.virtual_bus import VirtualBus
-from skinbus.master import Master
 from skinbus.objects import profile
 from skinbus.objects.eds import load_eds
-from skinbus.sim import World, load_scene
+from tests.master.rig import Rig
 
 OD = load_eds("skin-master", 127)
 COB_ID, TPDO_18 = 0x691, 0x1811
@@ -18,32 +17,14 @@ QUALITY_COB_ID, TPDO_21 = 0x6A1, 0x1814
 
 @pytest.fixture(scope="module")
 def pressed():
-    """A master of the scene of a forearm, its reports and its frames, while two fingers press."""
-    scene = load_scene("forearm")
-    reports, frames = [], []
-    master, wire = Master(scene.arm, on_cycle=reports.append), VirtualBus(scene.arm.bus.bitrate)
-    wire.attach(World(scene))
-    wire.attach(master)
-    wire.run(1_500_000_000)
-    wire.tap(frames.append)
-    for until, tpdo, cob_id in ((1_600_000_000, TPDO_18, COB_ID), (3_500_000_000, TPDO_21, QUALITY_COB_ID)):
-        write = b"\x23" + tpdo.to_bytes(2, "little") + b"\1" + (0x40000000 | cob_id).to_bytes(4, "little")
-        wire.attach(Client([Frame(0x600 + 127, write)]))
-        wire.run(until)
-    return master, reports, frames
-
-
-class Client(Core):
-    """Sends what it has, once."""
-
-    cob_ids = frozenset()
-
-    def __init__(self, frames):
-        self.frames = frames
-
-    def step(self, now_ns, frames):
-        out, self.frames = self.frames, []
-        return Step(out, (), NEVER)
+    """The rig of a forearm that fingers press, and its frames since the TPDOs were enabled."""
+    rig = Rig("forearm")
+    rig.run(1500)
+    start = len(rig.frames)
+    for ms, tpdo, cob_id in ((100, TPDO_18, COB_ID), (1900, TPDO_21, QUALITY_COB_ID)):
+        rig.say(Frame(0x600 + 127, struct.pack("<BHBI", 0x23, tpdo, 1, 0x40000000 | cob_id)))
+        rig.run(ms)
+    return rig.master, rig.reports, rig.frames[start:]
 
 
 def shown(master, name, sub=1):

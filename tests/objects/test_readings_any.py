@@ -13,7 +13,6 @@ from skinbus.objects.eds import build_od
 from skinbus.objects.eds_file import read_text
 from skinbus.objects.eds_values import TYPES
 from skinbus.objects.readings import ReadingsPlan
-from tests.objects.inverse import join_mapping
 from tests.packing import pack
 
 READING_TYPES = [2, 3, 4, 5, 6, 0x10, 0x16]  # of 8 to 32 bits, signed and not
@@ -62,10 +61,8 @@ def board_od(pdos):
         lines += section(0x1A00 + k, 0, 5, len(pdo))
         for sub, (tactel, data_type) in enumerate(pdo, 1):
             bits = TYPES[data_type].bits
-            dummy = tactel is None
-            word = join_mapping(
-                data_type if dummy else cia.READ_ANALOGUE_16, 0 if dummy else tactel + 1, bits
-            )
+            index, entry = (data_type, 0) if tactel is None else (cia.READ_ANALOGUE_16, tactel + 1)
+            word = index << 16 | entry << 8 | bits  # CiA 301, 7.5.2.36
             lines += section(0x1A00 + k, sub, 7, word)
     file = read_text("\n".join(lines), name="board.eds")
     assert not file.faults
