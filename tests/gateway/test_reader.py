@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 
 from skinbus.can.clock import VirtualClock
-from skinbus.can.event import EventKind
-from skinbus.can.virtual_bus import VirtualBus
-from skinbus.config.system import load_arm, ods_of
 from skinbus.gateway.reader import Reader
-from skinbus.master import Master
-from skinbus.node import Device, PatchHost
 from tests.test_examples import EXAMPLES
 
 MS = 1_000_000
@@ -84,44 +79,6 @@ def test_thread_reads_until_it_is_stopped_and_one_that_hangs_gives_nothing_old()
     hold.release()
     thread.join(60)
     assert not thread.is_alive()
-
-
-def test_patch_whose_reader_hangs_for_a_second_is_not_fresh_and_others_are():
-    arm = load_arm("forearm")
-    ods = ods_of(arm)[:2]
-    devices = [Device(od, int(n)) for od, n in zip(ods, arm.node_id[:2], strict=True)]
-    readers = [Reader(lambda: GOOD, 16, 16) for _ in devices]
-    hangs = [False, False]
-    cycles, events = [], []
-    wire = VirtualBus(arm.bus.bitrate, on_event=events.append)
-    for k, (device, reader) in enumerate(zip(devices, readers, strict=True)):
-
-        def newest(now_ns, k=k, reader=reader):
-            if not hangs[k]:
-                reader.call(VirtualClock(now_ns))
-            return reader.newest(now_ns)
-
-        wire.attach(PatchHost([device], newest))
-    wire.attach(Master(arm, on_cycle=cycles.append))
-
-    def fresh(ms):
-        del cycles[:]
-        wire.run(wire.now_ns + round(ms * MS))
-        return np.mean([cycle.fresh[:2] for cycle in cycles], axis=0).tolist()
-
-    fresh(2500)
-    assert fresh(500) == [1.0, 1.0]
-    hangs[0] = True
-    fresh(130)
-    assert fresh(870) == [0.0, 1.0]
-    hangs[0] = False
-    fresh(1500)  # that its frames are not late ones is proven by a gap
-    assert fresh(500) == [1.0, 1.0]
-    told = [event.kind for event in events if event.node_id == arm.node_id[0]]
-    assert [kind for kind in told if kind in (EventKind.PATCH_EMCY, EventKind.PATCH_EMCY_CLEARED)] == [
-        EventKind.PATCH_EMCY,
-        EventKind.PATCH_EMCY_CLEARED,
-    ]
 
 
 def test_example_for_i2c_returns_what_the_converters_hold(monkeypatch):

@@ -1,11 +1,8 @@
 """A master that is killed and started again on a bus that goes on."""
 
-from skinbus.can.virtual_bus import VirtualBus
 from skinbus.master import Master
 from skinbus.master.memory import Memory
-from skinbus.sim import World, load_scene
-
-MS = 1_000_000
+from tests.master.rig import Rig
 
 SCENE = """
 [scene]
@@ -36,35 +33,24 @@ sigma_pa = 300.0
 """
 
 
-class Restarts:
+class Restarts(Rig):
     """The wire, the patches of a scene, and one master after the other."""
 
     def __init__(self, scene, **settings):
-        self.scene = load_scene(scene)
+        super().__init__(scene, **settings)
         self.settings = settings
-        self.master, self.reports, self.events = None, [], []
-        self.world = World(self.scene)
-        self.wire = VirtualBus(self.scene.arm.bus.bitrate)
-        self.wire.attach(self.world)
-        self._port = None
 
-    def run(self, ms):
-        """Let bus time pass; return the cycles of that time."""
-        n = len(self.reports)
-        self.wire.run(self.wire.clock.now_ns() + round(ms * MS))
-        return self.reports[n:]
-
-    def start(self, tables=None, age_s=0.0):
+    def start(self, tables, age_s):
         """Start a master, which takes up what another one has learned; return what came of that."""
-        master = Master(self.scene.arm, on_cycle=self.reports.append, **self.settings)
-        found = Memory(master.cycle).resume(tables, age_s) if tables is not None else None
+        master = Master(self.scene.arm, on_cycle=self.take, **self.settings)
+        found = Memory(master.cycle).resume(tables, age_s)
         if self.master:
             self.kill()
-        self.master, self._port = master, self.wire.attach(master, on_event=self.events.append)
+        self.master, self.master_port = master, self.wire.attach(master, on_event=self.events.append)
         return found
 
     def kill(self):
         """End the master without a word; return what it would have kept last."""
         memory, self.master = Memory(self.master.cycle), None
-        self.wire.detach(self._port)
+        self.wire.detach(self.master_port)
         return memory.as_tables(memory.snapshot())

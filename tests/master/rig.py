@@ -75,7 +75,7 @@ class Rig:
         bus = self.scene.arm.bus
         self.wire = VirtualBus(bus.bitrate, data_bitrate=bus.data_bitrate)
         self.port = self.wire.attach(self.patches)
-        self.wire.attach(self.master, on_event=self.events.append)
+        self.master_port = self.wire.attach(self.master, on_event=self.events.append)
         self.wire.tap(self.frames.append)
         self.stranger = Stranger()
         self._stranger_port = self.wire.attach(self.stranger)

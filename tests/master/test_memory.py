@@ -38,14 +38,13 @@ class Story:
 
     def __init__(self, restarts):
         self.restarts = restarts
-        restarts.start()
         restarts.run(2900)
-        self.before = restarts.run(500)
+        self.before, _, _ = restarts.run(500)
         self.tables = json.loads(json.dumps(restarts.kill()))
         restarts.run(1500)
         self.found = restarts.start(self.tables, 1.5)
         restarts.run(1500)
-        self.after = restarts.run(500)
+        self.after, _, _ = restarts.run(500)
 
     def copy(self):
         """The state, to be changed."""

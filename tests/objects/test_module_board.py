@@ -7,10 +7,8 @@ import pytest
 
 from skinbus.model import grid
 from skinbus.objects import cia
-from skinbus.objects.board import describe_patch
 from skinbus.objects.dcf import configuration
-from skinbus.objects.eds import load_eds, read_eds
-from skinbus.objects.eds_lint import lint
+from skinbus.objects.eds import load_eds
 from skinbus.objects.new_board import HEARTBEAT_MS, NewBoard, module_dcf
 from tests.master.rig import Rig
 
@@ -33,13 +31,6 @@ def dcf(tmp_path):
     path = tmp_path / "inputs.dcf"
     path.write_text(module_dcf(EIGHT_INPUTS.read_text(), board()))
     return path
-
-
-def test_its_dcf_has_no_fault_and_describes_the_grid(dcf):
-    assert lint(read_eds(dcf)) == []
-    patch = describe_patch(load_eds(dcf, 7))
-    assert patch.tactels_uv == pytest.approx(grid(4, 2, 10e-3), abs=1e-6)
-    assert patch.transducer.full_scale == FULL_SCALE_PA
 
 
 def test_the_module_is_given_only_what_it_has(dcf):

@@ -20,10 +20,10 @@ def pressures_of(arm, geometry, loads):
     return pressures
 
 
-def test_point_tactels_read_the_cone_of_the_model(ring_arm):
-    surface = ring_arm.links[0].surface
+def test_point_tactels_read_the_cone_of_the_model(forearm):
+    surface = forearm.links[0].surface
     seam = surface.period / 2
-    seen = pressures_of(ring_arm, Geometry.of(ring_arm, discs=False), one_load(0.055, seam, 8.0))
-    d = surface.distance(ring_arm.tactel_s, ring_arm.tactel_a, 0.055, -seam)
+    seen = pressures_of(forearm, Geometry.of(forearm, discs=False), one_load(0.055, seam, 8.0))
+    d = surface.distance(forearm.tactel_s, forearm.tactel_a, 0.055, -seam)
     assert_allclose(seen, Cone().pressure(d, 8.0), atol=1e-6)
     assert (seen > 0).any()

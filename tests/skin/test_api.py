@@ -5,22 +5,9 @@ from typing import get_args, get_type_hints
 import pytest
 
 import skinbus
-from skinbus.errors import ConfigError, SkinbusError
+from skinbus.errors import AddressError, ArgumentError, BusError, ConfigError
 from skinbus.estimate import LEVELS
 from tests.skin.scenes import write
-
-ERRORS = ("SkinbusError", "ConfigError", "AddressError", "ArgumentError", "BusError", "ShareError")
-ERRORS += ("ProtocolError", "LocalProtocolError", "RemoteProtocolError", "SdoAborted", "MissingFileError")
-
-
-def test_names_are_those_of_a_program():
-    for name in ("Skin", "Cycle", "Contact", "Patch", "Readings", *ERRORS):
-        assert name in skinbus.__all__
-        assert getattr(skinbus, name).__name__ == name
-    assert all(issubclass(getattr(skinbus, name), SkinbusError) for name in ERRORS)
-    assert set(dir(skinbus)) >= {*skinbus.__all__, "__version__"}
-    with pytest.raises(AttributeError):
-        _ = skinbus.no_such_name
 
 
 def test_levels_are_a_literal():
@@ -42,6 +29,20 @@ def test_a_missing_file_is_what_python_users_expect(ask):
         ask()
     assert isinstance(raised.value, ConfigError)
     assert "wanted" in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "error", "said"),
+    [
+        ("open", {"level": "best"}, ArgumentError, "no level is called 'best'; there are kmeans, fit, full"),
+        ("simulate", {"level": "best"}, ArgumentError, "no level is called 'best'"),
+        ("open", {"interface": "virtuel"}, AddressError, "unknown interface"),
+        ("open", {"interface": "socketcan", "channel": "nocan7"}, BusError, "nocan7"),
+    ],
+)
+def test_what_is_wrong_is_an_error_of_the_tree(name, settings, error, said):
+    with pytest.raises(error, match=said):
+        getattr(skinbus, name)("pad", **settings)
 
 
 def test_a_skin_says_what_it_is(tmp_path):

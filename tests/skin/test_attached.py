@@ -9,7 +9,7 @@ import pytest
 
 import skinbus
 from skinbus.bus.monotonic_clock import MonotonicClock
-from skinbus.errors import LocalProtocolError, ShareError
+from skinbus.errors import ShareError
 from skinbus.skin.feed import KEPT
 from skinbus.skin.shared_memory import SLOTS, SharedWriter, path_of
 from tests.cli.patience import PATIENCE_S
@@ -86,13 +86,6 @@ def test_a_writer_that_ended_is_seen_at_once_and_by_age(writer):
         assert cycle.number == 1
         assert 0.0 < cycle.age_s <= (MonotonicClock().now_ns() - cycle.t_ns) * 1e-9
         assert [c.number for c in skin] == [1]
-
-
-def test_zero_and_unknown_names_are_errors_of_the_tree(writer):
-    with skinbus.attach(writer.name) as skin, pytest.raises(LocalProtocolError):
-        skin.zero()
-    with pytest.raises(ShareError):
-        skinbus.attach("nobody-writes-this")
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 import skinbus
 from skinbus.bus.core_thread import CoreThread
 from skinbus.bus.pythoncan import PythonCanBus
-from skinbus.errors import AddressError, ArgumentError, BusError, ConfigError
+from skinbus.errors import BusError
 from skinbus.estimate import DEFAULT_LEVEL
 from skinbus.objects.cia import NmtState
 from skinbus.sim import World, load_scene
@@ -60,14 +60,3 @@ def test_two_masters_are_refused(scene, channel):
         next(skin)
         with pytest.raises(BusError, match="master"):
             skinbus.open("pad", interface="virtual", channel=channel)
-
-
-def test_what_is_wrong_is_an_error_of_the_tree():
-    with pytest.raises(ConfigError):
-        skinbus.open("no-such-arm")
-    with pytest.raises(ArgumentError, match="no level is called 'best'; there are kmeans, fit, full"):
-        skinbus.open("pad", level="best")
-    with pytest.raises(AddressError, match="unknown interface"):
-        skinbus.open("pad", interface="virtuel")
-    with pytest.raises(BusError):
-        skinbus.open("pad", interface="socketcan", channel="nocan7")

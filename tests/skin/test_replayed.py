@@ -4,7 +4,7 @@ import pytest
 
 import skinbus
 from skinbus.can.candump import CandumpWriter
-from skinbus.errors import AddressError, ArgumentError
+from skinbus.errors import AddressError
 from tests.master.rig import Rig
 from tests.skin.scenes import write
 
@@ -38,5 +38,3 @@ def test_an_interface_that_is_not_in_the_log_is_refused(recorded, tmp_path):
     path.write_text("".join(f"{line}\n{line.replace('can0', 'can1')}\n" for line in lines))
     with pytest.raises(AddressError, match=r"in Python\) which of them"):
         skinbus.replay(path, "pad")
-    with pytest.raises(ArgumentError):
-        skinbus.replay(path, "pad", level="best")

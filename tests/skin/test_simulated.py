@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import skinbus
-from skinbus.errors import ArgumentError, ConfigError
 from skinbus.estimate import Quality, TrackState
 from skinbus.master.patches.table import PatchState
 from tests.skin.scenes import write
@@ -66,10 +65,3 @@ def test_a_zero_makes_what_presses_nothing(scene):
             pass
         skin.zero()
         assert skin.latest().readings.pressures.max() < 5e3
-
-
-def test_a_wrong_scene_is_refused():
-    with pytest.raises(ArgumentError):
-        skinbus.simulate("pad", level="best")
-    with pytest.raises(ConfigError):
-        skinbus.simulate("no-such-scene")

@@ -43,7 +43,7 @@ def arm_file(tmp_path):
     return path
 
 
-def write_presses(path, arm, *, zero=0, n=130, around=None):
+def write_presses(path, arm, *, zero=0, n):
     """Write what both patches read under presses; return the gains put in."""
     rng = np.random.default_rng(8)
     gain = 1.0 + 0.03 * rng.standard_normal(arm.n_tactels)
@@ -53,8 +53,6 @@ def write_presses(path, arm, *, zero=0, n=130, around=None):
         writer.writerow(["t", "node_id", "s_mm", "a_mm", "force_n", *READINGS])
         for k in range(n):
             s, a = rng.uniform(0.0, 0.101), rng.uniform(-0.03, 0.03)
-            if around:
-                s, a = 0.6 * s, rng.uniform(-0.5, 0.5) * around
             newton = 0.0 if zero and k < 10 else rng.uniform(2.0, 10.0)
             d = arm.distance(slice(None), s, a)
             p = LAW.pressure(d, newton) / gain if newton else np.zeros(arm.n_tactels)

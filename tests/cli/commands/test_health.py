@@ -14,10 +14,13 @@ SEED = 20261204
 @pytest.fixture(scope="module")
 def tables():
     watched = Watched(SEED)
+    watched.zero[:] = 600.0
     watched.run(10 * SETTLED + 30)
     good = watched.tables()
+    watched = Watched(SEED, tables=good)
     watched.noise = np.where(np.arange(16) < 3, 900.0, 200.0)
-    watched.run(300)
+    watched.zero[:] = np.where(np.arange(16) == 7, -2300.0, 600.0)
+    watched.run(400)
     return {"good": good, "bad": watched.tables()}
 
 
@@ -45,6 +48,7 @@ def test_what_changed_is_named_with_what_to_do(tables, state):
     health_file(state).save(tables["bad"])
     said = run("doctor", "health", "pad", "--state", state, status=1)
     assert "node 1 tactels 1-3: noise 3 times that at commissioning" in said
+    assert "node 1 tactel 8: zeros" in said
     assert "replace the board" in said
 
 

@@ -57,15 +57,6 @@ def test_nodes_without_node_id_and_a_master_are_noticed():
         assert (scanner.has_unconfigured, scanner.other_master.is_present) == (unconfigured, sync)
 
 
-def test_empty_bus_is_an_empty_list():
-    scanner = Scanner()
-    bench = Bench()
-    bench.run(scanner)
-    assert scanner.nodes == {}
-    assert not scanner.has_unconfigured
-    assert bench.wire.now_ns < 1_500_000_000
-
-
 def test_scan_reads_only():
     device = patch(5)
     bench = Bench(device)

@@ -27,17 +27,6 @@ def pad():
     return load_arm("pad")
 
 
-def test_boards_are_the_nodes_of_the_kinds_of_the_arm(pad):
-    (kind,) = kinds_of(pad)
-    strange = node(9, kind.kind, product=0x1234)
-    found = unplaced([strange, node(30, kind.kind, serial=5), node(4, kind.kind, revision=7)], pad)
-    assert [board.node_id for board in found.boards] == [4, 30]
-    assert [board.identity[2:] for board in found.boards] == [(7, 0), (0, 5)]
-    assert found.strangers == [9]
-    assert found.arm.node_id.tolist() == [4, 30]
-    assert unplaced([strange], pad) is None
-
-
 def test_a_press_is_read_and_no_contact_is_published(pad):
     arm = mounted(pad, SEED)
     scene = pressed_scene(arm)

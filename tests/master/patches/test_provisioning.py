@@ -47,12 +47,6 @@ def converse(identity, answers, configuration=NOTHING, *, restored=False):
             return asked, end.value
 
 
-def test_right_device_is_accepted_after_all_checks():
-    asked, result = converse(IDENTITY, ANSWERS)
-    assert result.outcome.is_good
-    assert asked == [Request(*key) for key in ANSWERS]
-
-
 @pytest.mark.parametrize("key", list(IDENTITY_ANSWERS))
 def test_one_wrong_value_is_refused_and_said(key):
     _, result = converse(IDENTITY, ANSWERS | {key: 0x55})

@@ -1,4 +1,4 @@
-"""Boards that were replaced or doubled, and their EMCY in words."""
+"""Boards that were replaced or doubled."""
 
 import pytest
 
@@ -6,7 +6,6 @@ from skinbus.can.event import EventKind
 from skinbus.config.system import load_arm
 from skinbus.master import Master
 from skinbus.master.health import Health
-from skinbus.objects.cia import describe_emcy
 from tests.master.commission import Bench, patch
 from tests.master.misbehaving import Late
 
@@ -37,19 +36,3 @@ def test_two_boards_with_one_node_id_are_asked_more_and_more_rarely():
     bench.pass_ms(20_000)
     boots = [f for f in bench.frames if f.can_id == 0x601 and f.data[1:4] == bytes([0x00, 0x10, 0])]
     assert 4 <= len(boots) <= 7  # at 0, 1, 2, 4, 8 and 16 s
-
-
-@pytest.mark.parametrize(
-    ("code", "data", "words"),
-    [
-        (0x8100, b"\x07\x10\0\0\0", "synchronous window missed"),
-        (0x8100, bytes(5), "communication"),
-        (0x8120, b"", "CAN error passive"),
-        (0x3110, b"", "supply voltage"),
-        (0x4205, b"", "temperature of the device"),
-        (0x5012, b"", "hardware"),
-        (0xC000, b"", "unknown"),
-    ],
-)
-def test_emcy_is_said_in_words(code, data, words):
-    assert describe_emcy(code, data).startswith(f"0x{code:04X} ({words}")

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from skinbus.can.frame import Frame
-from skinbus.config.system import load_arm, ods_of
-from skinbus.model import Arm
+from skinbus.config.system import ods_of
 from skinbus.sim.effect import stream
 from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry
@@ -13,16 +12,6 @@ from skinbus.sim.player import BOOT_NS, Player
 from skinbus.sim.scene import Scene
 from skinbus.sim.touch import Touch
 from skinbus.sim.world import World
-
-
-@pytest.fixture(scope="session")
-def pad() -> Arm:
-    return load_arm("pad")
-
-
-@pytest.fixture(scope="session")
-def forearm() -> Arm:
-    return load_arm("forearm")
 
 
 @pytest.fixture(scope="session")

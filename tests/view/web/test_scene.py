@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from skinbus.config.system import load_arm
 from skinbus.model import Surface
@@ -58,9 +59,8 @@ def test_discs_face_along_the_normals():
     normals = rng.normal(size=(50, 3))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     normals[0], normals[1] = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0)
-    for (w, x, y, z), normal in zip(quaternions(normals).astype(float), normals, strict=True):
-        turned = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)]
-        assert turned == pytest.approx(normal, abs=1e-6)
+    turned = Rotation.from_quat(quaternions(normals), scalar_first=True).apply([0.0, 0.0, 1.0])
+    assert turned == pytest.approx(normals, abs=1e-6)
 
 
 SHAPE = '<link name="plate"><visual><geometry><mesh filename="package://none/plate.stl"/></geometry></visual></link>'
