@@ -28,6 +28,7 @@ ALLOWED = {
     "skin": "can model objects config node estimate robot bus sim master planning",
     "view": "can model objects config robot skin",
     "gateway": "can model objects config node",
+    "guard": "can model objects config node",
 }
 FREE = {
     "arrays.py",
