@@ -7,6 +7,7 @@ alike but for their value are one run of the table.
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -67,9 +68,11 @@ def _kind(entry: ImageEntry) -> tuple[object, ...]:
     return entry.index, entry.variable.data_type, rights, entry.variable.min, entry.variable.max, alone
 
 
-def _is_room(entry: ImageEntry) -> bool:
-    """Whether an entry is a text that can be written, which has no default."""
-    return not entry.size and entry.writable
+def _room(entry: ImageEntry) -> str:
+    """Return the most bytes of a text that can be written, which has no default; nothing for all else."""
+    if entry.size or not entry.writable:
+        return ""
+    return "8 + 4 * SB_N_TACTELS" if entry.variable.name == GUARD_LIMITS else "SB_TEXT_ROOM"
 
 
 def _bytes(entry: ImageEntry) -> bytes:
@@ -79,50 +82,46 @@ def _bytes(entry: ImageEntry) -> bytes:
     return NO_VALUE if entry.default is None else len(entry.default).to_bytes(2, "little") + entry.default
 
 
-def _runs(entries: Iterable[ImageEntry]) -> list[Run]:
-    """Return all entries as runs, with their places."""
+def _runs(entries: Iterable[ImageEntry]) -> tuple[list[Run], str]:
+    """Return all entries as runs, with their places, and the size of the image."""
     ordered = sorted(entries, key=lambda entry: (entry.index, entry.sub))
     steps = [entry.sub - i for i, entry in enumerate(ordered)]  # the same while sub-indices follow each other
-    runs, at, n_rooms = [], 0, 0
+    runs, at, end = [], 0, "SB_DEFAULTS"
     for _, group in groupby(zip(ordered, steps, strict=True), lambda item: (_kind(item[0]), item[1])):
         part = [entry for entry, _ in group]
-        if _is_room(part[0]):
-            runs.append(Run(part, f"SB_ROOM({n_rooms})"))
-            n_rooms += 1
+        if _room(part[0]):
+            runs.append(Run(part, end))
+            end += f" + 2 + {_room(part[0])}"
         else:
             runs.append(Run(part, str(at)))
             at += sum(len(_bytes(entry)) for entry in part)
-    return runs
+    return runs, f"({end})"
 
 
 def _texts(eds: str, od: ObjectDictionary, layout: ImageLayout) -> tuple[str, str]:
     """Return the text of the header and that of the tables."""
-    # the core does not guard yet
-    runs = _runs(entry for entry in layout.entries.values() if entry.variable.name != GUARD_LIMITS)
-    rooms = [run for run in runs if _is_room(run.entries[0])]
-    image = b"".join(_bytes(entry) for run in runs if run not in rooms for entry in run.entries)
-    limits = {limit: None for run in runs if (limit := _limits(run.entries[0])) != (None, None)}
-    numbers = {limit: number for number, limit in enumerate(limits, 1)}
+    runs, n_bytes = _runs(layout.entries.values())
+    image = b"".join(_bytes(entry) for run in runs for entry in run.entries if not _room(entry))
+    limits = list(dict.fromkeys(_limit(run.entries[0]) for run in runs))
     pdos = {way: pdo_numbers(od, way) for way in (Direction.RPDO, Direction.TPDO)}
     defines = {
         "N_RUNS": f"{len(runs)}u",
         "DEFAULTS": f"{len(image)}u",
-        "ROOM(k)": "(SB_DEFAULTS + (k) * (2u + SB_TEXT_ROOM))",
-        "IMAGE": f"SB_ROOM({len(rooms)}u)",
-        "N_LIMITS": f"{len(limits) + 1}u",
+        "IMAGE": n_bytes,
+        "N_LIMITS": f"{len(limits)}u",
         **{name: f"{value}u" for name, value in _services(eds, od, layout, runs, pdos).items()},
     }
+    tables = [
+        _table("struct sb_run sb_runs[SB_N_RUNS]", [_run(run, limits) for run in runs]),
+        _table("uint8_t sb_defaults[SB_DEFAULTS]", [str(byte) for byte in image]),
+        _table("int64_t sb_limits[SB_N_LIMITS][2]", limits),
+        _table("uint16_t sb_pdos[SB_N_PDOS]", [hex(w.communication + n - 1) for w in pdos for n in pdos[w]]),
+    ]
+    defines["DICTIONARY"] = f"0x{zlib.crc32(''.join(tables).encode()):08X}u"
     source = f"/* Made from {Path(eds).name} by `skinbus board firmware`. */\n"
     lines = [f"#define SB_{name} {value}" for name, value in defines.items()]
     header = [f"{source}#ifndef BOARD_H\n#define BOARD_H\n", *lines, "\n#endif\n"]
-    tables = [
-        f'{source}#include "skin.h"\n',
-        _table("struct sb_run sb_runs[SB_N_RUNS]", [_run(run, numbers) for run in runs]),
-        _table("uint8_t sb_defaults[SB_DEFAULTS]", [str(byte) for byte in image]),
-        _table("struct sb_limit sb_limits[SB_N_LIMITS]", ["{0, 0}", *map(_limit, limits)]),
-        _table("uint16_t sb_pdos[SB_N_PDOS]", [hex(w.communication + n - 1) for w in pdos for n in pdos[w]]),
-    ]
-    return "\n".join(header), "\n".join(tables)
+    return "\n".join(header), "\n".join([f'{source}#include "skin.h"\n', *tables])
 
 
 def _services(
@@ -159,19 +158,17 @@ def _table(head: str, items: Sequence[str]) -> str:
     return f"const {head} = {{\n    " + ",\n    ".join(rows) + "\n};\n"
 
 
-def _limits(entry: ImageEntry) -> tuple[float | None, float | None]:
-    """Return the limits that the core keeps: those of integers of up to 32 bits."""
+def _limit(entry: ImageEntry) -> str:
+    """Return the limits that the core keeps: those of integers of up to 32 bits, and of the length of a text."""
+    if room := _room(entry):
+        return f"{{0, {room}}}"
     has_limits = 0 < entry.size <= LIMITED and entry.variable.data_type not in FLOATS
-    return (entry.variable.min, entry.variable.max) if has_limits else (None, None)
-
-
-def _limit(limits: tuple[float | None, float | None]) -> str:
-    low, high = limits
+    low, high = (entry.variable.min, entry.variable.max) if has_limits else (None, None)
     begin = "INT64_MIN" if low is None else f"{int(low)}LL"
     return f"{{{begin}, {'INT64_MAX' if high is None else f'{int(high)}LL'}}}"
 
 
-def _run(run: Run, limits: dict[tuple[float | None, float | None], int]) -> str:
+def _run(run: Run, limits: list[str]) -> str:
     entry = run.entries[0]
     kind = entry.variable.data_type
     bits = (
@@ -180,6 +177,6 @@ def _run(run: Run, limits: dict[tuple[float | None, float | None], int]) -> str:
         *(is_parameter(entry), is_parameter(entry) and is_verified(entry.index)),
     )
     access = sum(1 << k for k, has in enumerate(bits) if has)
-    limit = limits.get(_limits(entry), 0)
+    limit = limits.index(_limit(entry))
     head = f"0x{entry.index:04X}, {entry.sub}, {len(run.entries)}, {entry.size}"
     return f"{{{head}, {limit}, {access}, {run.at}}}"

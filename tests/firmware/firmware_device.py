@@ -174,7 +174,8 @@ class FirmwareDevice(Core):
         entry = self.layout.entries[key_of(index, sub)]
         if index in (0x6401, 0x6400) and sub:
             self.readings[sub - 1] = value
-        assert self.library.sb_set(self._at, index, sub, entry.encode(value))
+        data = entry.encode(value)
+        assert self.library.sb_set(self._at, index, sub, data, len(data))
 
     def emcy(self, code, register=0, data=b""):
         return self.library.sb_error(self._at, code, register, five(data))

@@ -90,7 +90,7 @@ unsigned library_ids(struct sb_board *b, uint16_t ids[])
     ids[n++] = 0x7E5;
     for (unsigned i = 0; i < SB_N_PDOS; i++)
         ids[n++] = b->pdos[i].id;
-    for (unsigned i = 0; i < SB_CONSUMED_ROOM; i++)
+    for (unsigned i = 1; i <= SB_CONSUMED_ROOM; i++)
         ids[n++] = (uint16_t)(0x700u + (b->watched[i].value >> 16 & 0x7F));
     for (unsigned i = 0; i < n; i++)
         if (sb_hears(b, ids[i], false))

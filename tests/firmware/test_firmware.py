@@ -159,6 +159,20 @@ def test_loss_of_power_while_storing_leaves_the_old_parameters_or_the_new(n_loss
     assert min(n_old, n_new) > n_losses // 10
 
 
+def test_parameters_of_another_program_are_not_taken_but_its_node_id_is():
+    flash = bytearray(EMPTY)
+    device = booted(flash)
+    device.set(0x1017, 0, 100)
+    ask(device, struct.pack("<BHB4s", 0x23, 0x1010, 1, b"save"))
+    for data in (b"\x04\x01", b"\x11\x09", b"\x17"):  # LSS: configure, node-ID 9, store
+        device.step(10**9, [Frame(0x7E5, data.ljust(8, b"\0"))])
+    other = FirmwareDevice(code_of("skin-patch-8bit"), NODE, flash=flash)
+    boot_up, emcy = other.step(10**9).frames
+    assert boot_up.can_id == 0x709
+    assert (emcy.can_id, emcy.data[:2]) == (0x89, b"\x00\x63")
+    assert other.get(0x1017) != 100
+
+
 @pytest.mark.slow
 def test_scene_on_24_firmware_boards_gives_the_contacts_of_simulated_ones(monkeypatch):
     scene = load_scene("forearm")

@@ -29,7 +29,7 @@ class Traffic:
         self.has_events = layout.max_pdo_bits == 8 * CLASSIC_BYTES
         lines = (Path(__file__).parent / "traffic.txt").read_text().splitlines()
         self.table = [line.partition(";")[0] for line in lines if self.has_events or ";" not in line]
-        # the core does not guard yet
+        # the core does not check them yet
         entries = [entry for entry in layout.entries.values() if entry.index != GUARD_LIMITS]
         self.entries = [e for e in entries if not (self.has_events and e.index == STAMP)]
         self.parameters = [e for e in self.entries if 0x1000 < e.index < 0x1F00 and e.writable]

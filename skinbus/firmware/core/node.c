@@ -11,11 +11,6 @@ static bool has_emcy(uint8_t state)
     return state == SB_PRE_OPERATIONAL || state == SB_OPERATIONAL;
 }
 
-static bool is_running(const struct sb_board *b)
-{
-    return b->state != SB_INITIALISING;
-}
-
 bool sb_send(struct sb_board *b, uint32_t id, const uint8_t *data, uint8_t n, bool urgent)
 {
     struct sb_frame frame;
@@ -153,28 +148,6 @@ static uint32_t life_time(const struct sb_board *b)
     return sb_get(b, 0x100C, 0) * sb_get(b, 0x100D, 0);
 }
 
-static void guarding_receive(struct sb_board *b, const struct sb_frame *frame)
-{
-    const uint8_t state = b->state | b->guard_toggle;
-    (void)frame;
-    if (sb_get(b, 0x1017, 0))
-        return;
-    sb_send(b, 0x700u + b->node_id, &state, 1, true);
-    b->guard_toggle ^= 0x80;
-    sb_error_end(b, ERROR_HEARTBEAT, (const uint8_t[5]){0});
-    b->guard_due = sb_after(b, life_time(b));
-}
-
-static uint64_t guarding_tick(struct sb_board *b)
-{
-    if (b->now >= b->guard_due) {
-        b->guard_due = SB_NEVER;
-        sb_error(b, ERROR_HEARTBEAT, 0, NULL);
-        communication_error(b);
-    }
-    return b->guard_due;
-}
-
 static uint8_t watched_id(uint32_t value)
 {
     const uint32_t node_id = value >> 16;
@@ -184,18 +157,35 @@ static uint8_t watched_id(uint32_t value)
 static void report_watched(struct sb_board *b, const struct sb_watched *node, bool is_lost)
 {
     const uint8_t data[5] = {watched_id(node->value)};
-    if (*data)
-        sb_report(b, ERROR_HEARTBEAT, data, is_lost);
+    sb_report(b, ERROR_HEARTBEAT, data, is_lost);
+}
+
+static void hear(struct sb_board *b, struct sb_watched *node, uint32_t time_ms)
+{
+    node->due = sb_after(b, time_ms);
+    report_watched(b, node, false);
+}
+
+static void guarding_receive(struct sb_board *b, const struct sb_frame *frame)
+{
+    const uint8_t state = b->state | b->guard_toggle;
+    (void)frame;
+    if (sb_get(b, 0x1017, 0))
+        return;
+    sb_send(b, 0x700u + b->node_id, &state, 1, true);
+    b->guard_toggle ^= 0x80;
+    hear(b, &b->watched[0], life_time(b));
 }
 
 /* Take over 0x1016; what is known of nodes that stay as they were is kept. */
 static void watch(struct sb_board *b)
 {
-    for (uint8_t i = 0; i < SB_CONSUMED_ROOM; i++) {
-        const uint32_t value = sb_get(b, 0x1016, (uint8_t)(i + 1));
+    for (uint8_t i = 1; i <= SB_CONSUMED_ROOM; i++) {
+        const uint32_t value = sb_get(b, 0x1016, i);
         if (value == b->watched[i].value)
             continue;
-        report_watched(b, &b->watched[i], false);
+        if (watched_id(b->watched[i].value))
+            report_watched(b, &b->watched[i], false);
         b->watched[i] = (struct sb_watched){SB_NEVER, value};
     }
 }
@@ -203,7 +193,7 @@ static void watch(struct sb_board *b)
 /* Return the entry of 0x1016 that an identifier is of, NULL for none. */
 static struct sb_watched *watched_of(struct sb_board *b, uint16_t id)
 {
-    for (unsigned i = 0; i < SB_CONSUMED_ROOM; i++)
+    for (unsigned i = 1; i <= SB_CONSUMED_ROOM; i++)
         if (id > 0x700 && id - 0x700u == watched_id(b->watched[i].value))
             return &b->watched[i];
     return NULL;
@@ -214,20 +204,17 @@ static void heartbeat_receive(struct sb_board *b, const struct sb_frame *frame)
     struct sb_watched *node = watched_of(b, frame->id);
     const uint8_t state = frame->data[0] & 0x7F;
     if (frame->length != 1 || (state != SB_INITIALISING && state != SB_STOPPED && state != SB_OPERATIONAL &&
-                               state != SB_PRE_OPERATIONAL)) {
+                               state != SB_PRE_OPERATIONAL))
         b->dropped++;
-        return;
-    }
-    /* after a boot-up the next heartbeat may be long in coming */
-    node->due = state == SB_INITIALISING ? SB_NEVER : sb_after(b, node->value & 0xFFFF);
-    report_watched(b, node, false);
+    else /* after a boot-up the next heartbeat may be long in coming */
+        hear(b, node, state == SB_INITIALISING ? 0 : node->value & 0xFFFF);
 }
 
 static uint64_t watched_tick(struct sb_board *b)
 {
     uint64_t wake = SB_NEVER;
     bool is_lost = false;
-    for (struct sb_watched *node = b->watched; node < b->watched + SB_CONSUMED_ROOM; node++) {
+    for (struct sb_watched *node = b->watched; node <= b->watched + SB_CONSUMED_ROOM; node++) {
         if (b->now >= node->due) {
             node->due = SB_NEVER;
             is_lost = true;
@@ -270,9 +257,9 @@ static void boot(struct sb_board *b, bool is_application)
     sb_put(b, 0x1001, 0, 0);
     sb_put(b, 0x1003, 0, 0);
     b->emcy_free = 0;
-    b->beat = b->guard_due = SB_NEVER;
+    b->beat = b->sync_closes = SB_NEVER;
     sb_pdo_configure(b);
-    for (unsigned i = 0; i < SB_CONSUMED_ROOM; i++)
+    for (unsigned i = 0; i <= SB_CONSUMED_ROOM; i++)
         b->watched[i] = (struct sb_watched){SB_NEVER, 0};
     watch(b);
     if (b->node_id == SB_UNCONFIGURED)
@@ -315,10 +302,10 @@ static void nmt_receive(struct sb_board *b, const struct sb_frame *frame)
 
 void sb_node_changed(struct sb_board *b, uint16_t index)
 {
-    if (index == 0x1017 && is_running(b))
+    if (index == 0x1017 && b->state != SB_INITIALISING)
         b->beat = sb_get(b, 0x1017, 0) ? b->now : SB_NEVER; /* a time that is written starts it at once */
     else if ((index == 0x100C || index == 0x100D) && !life_time(b))
-        b->guard_due = SB_NEVER;
+        b->watched[0].due = SB_NEVER;
     else if (index == 0x1016)
         watch(b);
     else if (index == 0x1007 && !sb_get(b, 0x1007, 0))
@@ -350,10 +337,8 @@ void sb_init(struct sb_board *b, uint8_t node_id, uint32_t serial, size_t flash_
     b->flash_bytes = flash_bytes;
     b->node_id = b->next_node_id = node_id;
     b->bit_rate = 0xFF;
-    b->beat = b->guard_due = b->sync_closes = SB_NEVER;
     memcpy(b->image, sb_defaults, SB_DEFAULTS);
-    if (SB_LSS)
-        sb_storage_load(b, SB_LSS_GROUP);
+    sb_storage_load(b, SB_LSS_GROUP);
     sb_load_defaults(b, true);
     if (serial)
         sb_put(b, 0x1018, 4, serial);
@@ -374,10 +359,10 @@ typedef void receiver(struct sb_board *, const struct sb_frame *);
 /* Return who takes a frame in this state, NULL for nobody; of two for one identifier, the first. */
 static receiver *receiver_of(struct sb_board *b, uint16_t id, bool is_remote)
 {
-    const bool is_served = has_emcy(b->state);
+    const bool is_served = has_emcy(b->state), is_running = b->state != SB_INITIALISING;
     if (is_remote)
-        return is_running(b) && sb_find(0x100C, 0) && id == 0x700u + b->node_id ? guarding_receive : NULL;
-    if (id == 0 && is_running(b))
+        return is_running && sb_find(0x100C, 0) && id == 0x700u + b->node_id ? guarding_receive : NULL;
+    if (id == 0 && is_running)
         return nmt_receive;
     if (is_served && id == (sb_get(b, 0x1005, 0) & 0x7FF))
         return sync_receive;
@@ -385,7 +370,7 @@ static receiver *receiver_of(struct sb_board *b, uint16_t id, bool is_remote)
         return sb_sdo_receive;
     if (b->state == SB_OPERATIONAL && sb_rpdo_hears(b, id))
         return sb_rpdo_receive;
-    if (is_running(b) && watched_of(b, id))
+    if (is_running && watched_of(b, id))
         return heartbeat_receive;
     return SB_LSS && b->state != SB_OPERATIONAL && id == 0x7E5 ? sb_lss_receive : NULL;
 }
@@ -408,7 +393,7 @@ void sb_receive(struct sb_board *b, const struct sb_frame *frame, uint32_t now_u
 uint32_t sb_poll(struct sb_board *b, uint32_t now_us)
 {
     static uint64_t (*const ticks[])(struct sb_board *) = {
-        sb_event_tick, sb_sdo_tick, heartbeat_tick, watched_tick, guarding_tick, sb_pdo_tick, emcy_tick};
+        sb_event_tick, sb_sdo_tick, heartbeat_tick, watched_tick, sb_pdo_tick, emcy_tick};
     uint64_t wake = SB_NEVER;
     be_booted(b, now_us);
     for (unsigned i = 0; i < sizeof ticks / sizeof *ticks; i++)

@@ -68,12 +68,17 @@ void sb_put(struct sb_board *b, uint16_t index, uint8_t sub, uint32_t value)
         sb_store(&b->image[offset(run, sub)], value, run->size);
 }
 
-bool sb_set(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data)
+bool sb_set(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data, uint32_t n)
 {
     const struct sb_run *run = sb_find(index, sub);
-    if (!run || !run->size)
+    uint8_t *to = sb_at(b, index, sub);
+    if (!run || n > sb_room(run))
         return false;
-    memcpy(&b->image[offset(run, sub)], data, run->size);
+    if (!run->size) {
+        sb_store(to, n, 2);
+        to += 2;
+    }
+    memmove(to, data, n); /* a text may be in its place already */
     sb_pdo_changed(b, index);
     sb_node_changed(b, index);
     return true;
@@ -105,9 +110,9 @@ bool sb_is_default(const struct sb_board *b, const struct sb_run *run)
     return memcmp(at, &sb_defaults[run->at], (size_t)run->n * run->size) == 0;
 }
 
-static bool is_command(uint16_t index)
+uint32_t sb_room(const struct sb_run *run)
 {
-    return index == STORE || index == RESTORE;
+    return run->size ? run->size : (uint32_t)sb_limits[run->limit][1];
 }
 
 /* CRC-32 as zlib has it; begins and goes on with what it returned, 0 at first. */
@@ -152,7 +157,7 @@ uint32_t sb_read(struct sb_board *b, uint16_t index, uint8_t sub, uint8_t **data
         sb_sample(b);
     else if (index == SB_CHECKSUM)
         sb_put(b, index, sub, checksum(b));
-    else if (is_command(index) && sub)
+    else if ((index == STORE || index == RESTORE) && sub)
         sb_put(b, index, sub, b->flash_bytes != 0);
     else if (index == HISTORY && sub > sb_get(b, HISTORY, 0))
         return ABORT_NO_DATA; /* CiA 301, 7.5.2.4 */
@@ -175,9 +180,9 @@ uint32_t sb_check(const struct sb_run *run, const uint8_t *data)
         return ABORT_VALUE;
     if (run->access & SB_REAL && (data[n - 1] & 0x7F) == 0x7F && data[n - 2] >= (n == 4 ? 0x80 : 0xF0))
         return ABORT_VALUE; /* infinite or none */
-    if (run->limit && value > sb_limits[run->limit].high)
+    if (value > sb_limits[run->limit][1])
         return ABORT_VALUE_HIGH;
-    return run->limit && value < sb_limits[run->limit].low ? ABORT_VALUE_LOW : 0;
+    return value < sb_limits[run->limit][0] ? ABORT_VALUE_LOW : 0;
 }
 
 /* What may be written to a COB-ID: no identifier of another service (CiA 301, table 40), and another one only
@@ -199,43 +204,31 @@ uint32_t sb_ask_host(struct sb_board *b, uint16_t index, uint8_t sub, const uint
     return b->on_write ? b->on_write(b, index, sub, data) : 0;
 }
 
+/* A manager reads 0x1020 to find whether it has to configure the board again (CiA 301, 7.5.2.24). */
 void sb_clear_marks(struct sb_board *b)
 {
     sb_put(b, MARKS, 1, 0);
     sb_put(b, MARKS, 2, 0);
 }
 
-/* A manager reads 0x1020 to find whether it has to configure the board again (CiA 301, 7.5.2.24). */
-static void mark(struct sb_board *b, const struct sb_run *run)
-{
-    if (run->index == MARKS)
-        b->is_mark_old = false;
-    else if (run->access & SB_PARAMETER) {
-        b->is_mark_old |= run->index >= FIRST_APPLICATION;
-        sb_clear_marks(b);
-    }
-}
-
-/* Take the data of a download; those of a text are in their place already. */
+/* Take the data of a download; those of a text may be in their place already. */
 uint32_t sb_write(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data, uint32_t n)
 {
     const struct sb_run *run = sb_find(index, sub);
-    uint8_t *to = sb_at(b, index, sub);
     const uint32_t value = sb_load(data, n < 4 ? n : 4);
     uint32_t code;
     if ((code = sb_check(run, data)) != 0 || (code = sb_pdo_check(b, index, sub, value)) != 0 ||
         (code = sb_node_check(b, index, sub, value)) != 0 || (code = sb_ask_host(b, index, sub, data)) != 0)
         return code;
-    if (is_command(index))
+    if (index == STORE || index == RESTORE)
         return sb_storage_command(b, index, sub, data);
-    if (!run->size) {
-        sb_store(to, n, 2);
-        mark(b, run);
-    } else if (memcmp(to, data, n) != 0) {
-        memcpy(to, data, n);
-        mark(b, run);
+    const bool is_new = !run->size || memcmp(sb_at(b, index, sub), data, n) != 0;
+    if (is_new && index == MARKS)
+        b->is_mark_old = false;
+    else if (is_new && run->access & SB_PARAMETER) {
+        b->is_mark_old |= index >= FIRST_APPLICATION;
+        sb_clear_marks(b);
     }
-    sb_pdo_changed(b, index);
-    sb_node_changed(b, index);
+    sb_set(b, index, sub, data, n);
     return 0;
 }

@@ -6,19 +6,8 @@
 enum { COB_ID = 1, TYPE = 2, INHIBIT = 3, TIMER = 5, START = 6 };
 enum { ACYCLIC = 0, SYNC_MOST = 240, EVENT = 254 };
 enum { UPPER = 1, LOWER = 2, DELTA = 4 };
-#define TPDO 0x1800
 #define TO_MAPPING 0x200
 static const uint8_t window_tag[5] = {0x07, 0x10}; /* EMCY data: 0x1007 */
-
-static bool is_tpdo(const struct sb_pdo *pdo)
-{
-    return pdo->index >= TPDO;
-}
-
-static bool is_on_event(const struct sb_pdo *pdo)
-{
-    return pdo->type >= EVENT;
-}
 
 static bool is_cyclic(const struct sb_pdo *pdo)
 {
@@ -28,7 +17,7 @@ static bool is_cyclic(const struct sb_pdo *pdo)
 /* Whether a TPDO is sent when something asks for it. */
 static bool has_events(const struct sb_board *b, const struct sb_pdo *pdo)
 {
-    return is_tpdo(pdo) && pdo->valid && !is_cyclic(pdo) && b->state == SB_OPERATIONAL;
+    return pdo->is_sent && pdo->valid && !is_cyclic(pdo) && b->state == SB_OPERATIONAL;
 }
 
 static bool is_reading(const struct sb_slot *slot)
@@ -45,11 +34,11 @@ static uint32_t map_entry(struct sb_board *b, const struct sb_pdo *pdo, uint32_t
     const uint8_t sub = (uint8_t)(value >> 8), bits = (uint8_t)value;
     const struct sb_run *run = sb_find(index, sub);
     *slot = (struct sb_slot){sb_at(b, index, sub), index, sub, bits};
-    if (!is_tpdo(pdo) && index >= 1 && index < sizeof dummies && sub == 0)
+    if (!pdo->is_sent && index >= 1 && index < sizeof dummies && sub == 0)
         return bits == dummies[index] ? 0 : ABORT_NOT_MAPPABLE;
     if (!run)
         return ABORT_NO_OBJECT;
-    if (!(run->access & (is_tpdo(pdo) ? SB_MAP_TX : SB_MAP_RX)) || !bits)
+    if (!(run->access & (pdo->is_sent ? SB_MAP_TX : SB_MAP_RX)) || !bits)
         return ABORT_NOT_MAPPABLE;
     return bits == (run->access & SB_BOOLEAN ? 1 : 8 * run->size) ? 0 : ABORT_NOT_MAPPABLE;
 }
@@ -117,7 +106,7 @@ uint32_t sb_pdo_check(struct sb_board *b, uint16_t index, uint8_t sub, uint32_t 
         return !sub ? map(b, pdo, value) : value ? map_entry(b, pdo, value, &slot) : 0;
     }
     if (sub == COB_ID)
-        return is_tpdo(pdo) && old & ~value & COB_NO_RTR ? ABORT_VALUE : sb_check_cob_id(value, old, COB_NO_RTR);
+        return pdo->is_sent && old & ~value & COB_NO_RTR ? ABORT_VALUE : sb_check_cob_id(value, old, COB_NO_RTR);
     if (sub == TYPE && value > SYNC_MOST && value < EVENT)
         return ABORT_VALUE; /* reserved, or in answer to remote frames */
     return (sub == INHIBIT || sub == START) && is_valid ? ABORT_ACCESS : 0;
@@ -200,14 +189,14 @@ static void start(struct sb_board *b, struct sb_pdo *pdo)
     pdo->awaits_start = pdo->start && sb_get(b, 0x1019, 0);
     pdo->requested = pdo->is_waiting = false;
     pdo->free = 0;
-    pdo->due = is_tpdo(pdo) ? sb_after(b, pdo->timer) : SB_NEVER;
+    pdo->due = pdo->is_sent ? sb_after(b, pdo->timer) : SB_NEVER;
 }
 
 static void send(struct sb_board *b, const struct sb_pdo *pdo)
 {
     struct sb_frame frame = {.id = pdo->id, .length = pdo->length, .flags = pdo->length > 8 ? SB_FD : 0};
     unsigned bit = 0;
-    frame.expires = !is_on_event(pdo) && b->sync_closes != SB_NEVER;
+    frame.expires = pdo->type < EVENT && b->sync_closes != SB_NEVER;
     frame.t_us = (uint32_t)b->sync_closes;
     for (const struct sb_slot *slot = pdo->slots; slot < pdo->slots + pdo->n_slots; slot++) {
         copy_bits(frame.data, bit, slot->at, 0, slot->bits);
@@ -252,7 +241,7 @@ static void send_synchronous(struct sb_board *b, uint8_t counter)
     for (unsigned pass = 0; pass < 2; pass++) /* those of every SYNC first */
         for (struct sb_pdo *pdo = b->pdos; pdo < b->pdos + SB_N_PDOS; pdo++) {
             const bool is_every = pdo->type == 1 && !pdo->start;
-            if (!is_tpdo(pdo) || !pdo->valid || is_on_event(pdo) || is_every == (pass == 1))
+            if (!pdo->is_sent || !pdo->valid || pdo->type >= EVENT || is_every == (pass == 1))
                 continue;
             is_missed = is_late;
             if ((is_every || is_turn(pdo, counter)) && !is_late)
@@ -282,7 +271,7 @@ static void apply(struct sb_board *b, const struct sb_pdo *pdo, const uint8_t *f
                 continue;
             copy_bits(value, 0, from, bit, slot->bits);
             if (pass == 2)
-                sb_set(b, slot->index, slot->sub, value);
+                sb_set(b, slot->index, slot->sub, value, sb_find(slot->index, slot->sub)->size);
             else if (pass ? sb_ask_host(b, slot->index, slot->sub, value)
                           : sb_check(sb_find(slot->index, slot->sub), value)) {
                 b->dropped++;
@@ -292,23 +281,18 @@ static void apply(struct sb_board *b, const struct sb_pdo *pdo, const uint8_t *f
     }
 }
 
-static bool is_of(const struct sb_pdo *rpdo, uint16_t id)
-{
-    return !is_tpdo(rpdo) && rpdo->valid && rpdo->id == id;
-}
-
 bool sb_rpdo_hears(const struct sb_board *b, uint16_t id)
 {
-    for (const struct sb_pdo *pdo = b->pdos; pdo < b->pdos + SB_N_PDOS; pdo++)
-        if (is_of(pdo, id))
+    for (const struct sb_pdo *pdo = b->pdos; pdo < b->pdos + SB_N_RPDOS; pdo++)
+        if (pdo->valid && pdo->id == id)
             return true;
     return false;
 }
 
 void sb_rpdo_receive(struct sb_board *b, const struct sb_frame *frame)
 {
-    for (struct sb_pdo *pdo = b->pdos; pdo < b->pdos + SB_N_PDOS; pdo++) {
-        if (!is_of(pdo, frame->id))
+    for (struct sb_pdo *pdo = b->pdos; pdo < b->pdos + SB_N_RPDOS; pdo++) {
+        if (!pdo->valid || pdo->id != frame->id)
             continue;
         report(b, pdo->id, ERROR_PDO_LENGTH, frame->length < pdo->length);
         if (frame->length < pdo->length) {
@@ -347,6 +331,7 @@ void sb_pdo_configure(struct sb_board *b)
 {
     for (unsigned k = 0; k < SB_N_PDOS; k++) {
         b->pdos[k].index = sb_pdos[k];
+        b->pdos[k].is_sent = sb_pdos[k] >= 0x1800;
         compile(b, &b->pdos[k]);
     }
 }
@@ -367,7 +352,7 @@ void sb_pdo_changed(struct sb_board *b, uint16_t index)
         return;
     const uint16_t id = pdo->id, type = pdo->type, timer = pdo->timer;
     compile(b, pdo);
-    if (is_tpdo(pdo)) {
+    if (pdo->is_sent) {
         if (!was_valid || type != pdo->type || timer != pdo->timer)
             start(b, pdo);
         return;
@@ -389,14 +374,13 @@ uint64_t sb_pdo_tick(struct sb_board *b)
     bool is_sampled = false;
     uint64_t wake = SB_NEVER;
     for (struct sb_pdo *pdo = b->pdos; pdo < b->pdos + SB_N_PDOS; pdo++) {
-        const bool is_sent = is_tpdo(pdo);
-        if (is_sent && !(has_events(b, pdo) && is_on_event(pdo)))
+        if (pdo->is_sent && !(has_events(b, pdo) && pdo->type >= EVENT))
             continue;
         if ((pdo->requested || b->now >= pdo->due) && b->now >= pdo->free) {
             pdo->requested = false;
             pdo->free = b->now + 100u * pdo->inhibit;
-            pdo->due = is_sent ? sb_after(b, pdo->timer) : SB_NEVER;
-            if (!is_sent)
+            pdo->due = pdo->is_sent ? sb_after(b, pdo->timer) : SB_NEVER;
+            if (!pdo->is_sent)
                 report(b, pdo->id, ERROR_RPDO_TIMEOUT, true);
             else {
                 if (!is_sampled)

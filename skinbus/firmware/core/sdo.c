@@ -47,7 +47,8 @@ static void begin(struct sb_board *b, uint8_t command, uint32_t least, uint32_t 
  * here on there is none. */
 static uint32_t begin_download(struct sb_board *b, bool is_announced, uint32_t n)
 {
-    const uint32_t size = sb_find(b->sdo_index, b->sdo_sub)->size, room = size ? size : SB_TEXT_ROOM;
+    const struct sb_run *run = sb_find(b->sdo_index, b->sdo_sub);
+    const uint32_t size = run->size, room = sb_room(run);
     if (is_announced && n > room)
         return size ? ABORT_LENGTH_HIGH : ABORT_MEMORY;
     if (is_announced && n < size)

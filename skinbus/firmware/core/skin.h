@@ -32,15 +32,12 @@ enum { SB_PARAMETER = 256 /* is stored */, SB_VERIFIED = 512 /* is in the checks
 struct sb_run { /* consecutive sub-indices of one kind */
     uint16_t index;
     uint8_t sub, n, size; /* bytes of each; 0: a text, which has its length in two bytes before it */
-    uint8_t limit; /* number in sb_limits, 0 for none */
+    uint8_t limit;       /* number in sb_limits */
     uint16_t access, at; /* at: offset in the image */
-};
-struct sb_limit {
-    int64_t low, high;
 };
 extern const struct sb_run sb_runs[SB_N_RUNS];
 extern const uint8_t sb_defaults[SB_DEFAULTS]; /* of the image up to the texts that can be written, which have none */
-extern const struct sb_limit sb_limits[SB_N_LIMITS];
+extern const int64_t sb_limits[SB_N_LIMITS][2]; /* lowest and highest value; of a text 0 and its most bytes */
 extern const uint16_t sb_pdos[]; /* indices of their communication parameters, those of RPDOs first */
 
 /* --- Frames and the board layer ------------------------------------------------------------------- */
@@ -83,7 +80,7 @@ struct sb_pdo {
     uint16_t index, id, inhibit, timer;
     uint8_t type, start, length, n_slots;
     uint8_t countdown; /* SYNCs to the next transmission */
-    bool valid, awaits_start, requested;
+    bool is_sent, valid, awaits_start, requested; /* is_sent: a TPDO */
     bool is_waiting; /* an RPDO waits for SYNC, with its data */
     uint8_t data[SB_FRAME_BYTES];
     struct sb_slot slots[SB_PDO_ENTRIES];
@@ -92,7 +89,7 @@ struct sb_error {
     uint16_t code;
     uint8_t bits, data[5];
 };
-struct sb_watched { /* a node of 0x1016, and when it is lost */
+struct sb_watched { /* a node that shows that it lives, its value in 0x1016, and when it is lost */
     uint64_t due;
     uint32_t value;
 };
@@ -109,12 +106,12 @@ struct sb_board {
         abort code refuses a write from the bus, such as a command (0x2050) */
     void (*on_bit_rate)(struct sb_board *, uint8_t index, uint16_t delay_ms); /* may be NULL; LSS */
 
-    uint64_t beat, guard_due, emcy_free, sync_closes, sampled;
+    uint64_t beat, emcy_free, sync_closes, sampled;
     uint8_t guard_toggle;
 
     struct sb_error errors[SB_ERRORS];
     uint8_t n_errors, n_waiting, waiting[SB_ERRORS][8];
-    struct sb_watched watched[SB_CONSUMED_ROOM];
+    struct sb_watched watched[1 + SB_CONSUMED_ROOM]; /* by sub-index of 0x1016; the first one guards this node */
     struct sb_pdo pdos[SB_N_PDOS]; /* in the order of sb_pdos */
     uint8_t sample_status;
     int16_t sent[SB_N_TACTELS]; /* readings that events were last told of */
@@ -142,7 +139,7 @@ void sb_command(struct sb_board *b, uint8_t command);
 bool sb_request(struct sb_board *b, unsigned tpdo); /* from 0; false if it is not sent on events now */
 bool sb_error(struct sb_board *b, uint16_t code, uint8_t bits, const uint8_t *data); /* data: 5 bytes or NULL */
 bool sb_error_end(struct sb_board *b, uint16_t code, const uint8_t *data);           /* NULL: all with this code */
-bool sb_set(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data);   /* no rights, no limits */
+bool sb_set(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data, uint32_t n); /* no rights */
 
 /* One turn of a main loop; returns the us until the next one, or until a frame comes. */
 static inline uint32_t sb_turn(struct sb_board *b)
@@ -187,6 +184,7 @@ void sb_put(struct sb_board *b, uint16_t index, uint8_t sub, uint32_t value);
 void sb_load_defaults(struct sb_board *b, bool is_application);
 bool sb_is_default(const struct sb_board *b, const struct sb_run *run);
 void sb_clear_marks(struct sb_board *b);
+uint32_t sb_room(const struct sb_run *run); /* bytes that each value of a run can have */
 uint32_t sb_check(const struct sb_run *run, const uint8_t *data);
 uint32_t sb_check_cob_id(uint32_t value, uint32_t old, uint32_t allowed);
 uint32_t sb_permit(uint16_t index, uint8_t sub, uint8_t right);
