@@ -159,7 +159,7 @@ def _table(head: str, items: Sequence[str]) -> str:
 
 
 def _limit(entry: ImageEntry) -> str:
-    """Return the limits that the core keeps: those of integers of up to 32 bits, and of the length of a text."""
+    """Return the limits that the core keeps: of integers of up to 32 bits, and of the length of a text."""
     if room := _room(entry):
         return f"{{0, {room}}}"
     has_limits = 0 < entry.size <= LIMITED and entry.variable.data_type not in FLOATS
