@@ -70,19 +70,6 @@ class LevelErrors:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NullZone:
-    """The least force that is registered, N: half way between two tactels, and wherever it presses."""
-
-    pitch_mm: float
-    between: float
-    everywhere: float
-    between_formula: float
-    """Eq. 5 with R of half a pitch, as the paper has it."""
-    everywhere_formula: float
-    """The same with R of half a diagonal: in the middle of four tactels all are that far away."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PaperCase:
     """One cell of an experiment."""
 
@@ -157,43 +144,6 @@ SWEEPS = {
 N_CELLS = sum(map(len, SWEEPS.values()))
 
 
-def null_zone(pitch: float, slope: float = SLOPE) -> NullZone:
-    """Return the null zone of a pitch (m), measured by bisection on the estimator, beside the formula."""
-    # A reading above zero is a touch: neither noise nor threshold is part of the paper's argument.
-    arm = board(3, pitch, slope, noise=1e-6, threshold=1e-6)
-    estimator = Estimator(arm, "kmeans")
-    tactels = np.stack([arm.tactel_s, arm.tactel_a], -1)
-    corner = tactels.min(0)
-
-    def least_force(places: Floats) -> float:
-        d = np.linalg.norm(tactels[None] - places[:, None], axis=-1)
-
-        def registers(force: float) -> bool:
-            return all(len(estimator.update(row, 0)) for row in Cone(slope).pressure(d, force))
-
-        low, high = 0.0, 1000.0
-        while high - low > 1e-4 * high:
-            middle = 0.5 * (low + high)
-            low, high = (low, middle) if registers(middle) else (middle, high)
-        return high
-
-    # One cell between four tactels is like any other; its corners and its centre are on this grid.
-    u = np.linspace(0.0, pitch, 9)
-    cell = corner + np.stack(np.meshgrid(u, u), -1).reshape(-1, 2)
-    return NullZone(
-        pitch_mm=1e3 * pitch,
-        between=least_force(corner + np.array([[0.5 * pitch, 0.0]])),
-        everywhere=least_force(cell),
-        between_formula=cone_force(slope, 0.5 * pitch),
-        everywhere_formula=cone_force(slope, pitch / np.sqrt(2.0)),
-    )
-
-
-def cone_force(slope: float, radius: float) -> float:
-    """Return the force whose cone reaches ``radius`` (m), N: eq. 5 turned round."""
-    return float(np.pi * slope * radius**3 / 3.0)
-
-
 def make_all(
     folder: Path, *, trials: int, seed: int = 0, done: Callable[[int], None] = lambda n: None
 ) -> None:
@@ -213,7 +163,6 @@ def make_all(
         for case in cases:
             results[sweep] += press(case, trials=trials, seed=seed)
             done(1)
-    zones = [null_zone(EDGE / side) for side in PER_SIDE]
     for number, sweep, field, unit, label in (
         (7, "density", "pitch", 1e3, "pitch of the tactels (mm)"),
         (9, "force", "force", 1.0, "force (N)"),
@@ -241,23 +190,7 @@ def make_all(
         axes.grid(visible=False)
     figure.colorbar(picture, ax=panels[0].tolist(), label="mean position error (mm)")
     save(figure, folder / "paper-fig13-position-error-force-and-drop-off.svg")
-
-    figure, ((axes,),) = new_figure()
-    pitch = [zone.pitch_mm for zone in zones]
-    for measured, colour, label in (
-        ("between", "tab:blue", "half way between two tactels"),
-        ("everywhere", "tab:red", "wherever it presses"),
-    ):
-        formula = [getattr(zone, f"{measured}_formula") for zone in zones]
-        axes.plot(pitch, formula, "-", color=colour, label=f"eq. 5, {label}")
-        found = [getattr(zone, measured) for zone in zones]
-        axes.plot(pitch, found, "o", color=colour, mfc="none", label="measured")
-    axes.set(xscale="log", yscale="log", xlabel="pitch of the tactels (mm)")
-    axes.set(ylabel="least force that is registered (N)")
-    axes.legend(fontsize=7)
-    save(figure, folder / "paper-null-zone.svg")
     write_table(folder / "paper.csv", [row for rows in results.values() for row in rows])
-    write_table(folder / "paper-null-zone.csv", zones)
 
 
 def write_table(file: Path, rows: Sequence[Any]) -> None:

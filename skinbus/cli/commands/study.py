@@ -84,7 +84,7 @@ def arm(arms: tuple[str, ...], folder: Path, trials: int) -> None:
     help="Random touches of each cell.",
 )
 def paper(folder: Path, trials: int) -> None:
-    """Remake figures 7 to 13 of the paper, and its null zone.
+    """Remake figures 7 to 13 of the paper.
 
     All levels of the estimator are drawn.
 
