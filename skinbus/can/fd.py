@@ -17,8 +17,6 @@ MAX_BYTES = LENGTHS[-1]
 
 NOMINAL_BITS = 30
 """17 up to the switch of an 11-bit identifier, CRC delimiter, ACK slot and delimiter, 7 end, 3 interframe."""
-EXTENDED_BITS = 19
-"""More of them with a 29-bit identifier: 18 of it, and SRR."""
 HEADER_BITS = 17
 """Those of the first that are subject to bit stuffing."""
 DATA_HEADER_BITS = 5

@@ -18,8 +18,9 @@ from skinbus.can.classic import INTERFRAME_BITS
 from skinbus.can.clock import VirtualClock
 from skinbus.can.core import NEVER, Core, DataQueue, receives
 from skinbus.can.event import Event, EventKind
-from skinbus.can.frame import FD, Frame, Frames
-from skinbus.can.wire_bits import classic_bits, fault, fd_bits
+from skinbus.can.fd import worst_case_bits
+from skinbus.can.frame import BRS, FD, Frame, Frames
+from skinbus.can.wire_bits import classic_bits, fault
 
 Tap = Callable[[Frame], object]
 OnEvent = Callable[[Event], object]
@@ -97,9 +98,7 @@ class VirtualBus:
         self._taps: tuple[Tap, ...] = ()
         self._listeners: dict[tuple[int, int], tuple[Port, ...]] = {}  # by identifier and flags
         self._wakes: list[tuple[int, int]] = []  # heap of (time, port); an entry may be outdated
-        self._queues: dict[int, deque[_Waiting]] = {}  # by arbitration key
-        self._order: list[int] = []  # heap of the keys of all queues
-        self._mixed: set[int] = set()  # keys of queues that hold frames of several ports
+        self._queues: dict[int, deque[_Waiting]] = {}  # by arbitration key, those with frames
         self._flight: tuple[_Waiting, ...] = ()  # what is on the wire: one frame, equal ones of several ports
         self._flight_end_ns = 0
         self._free_ns = self._now_ns
@@ -153,7 +152,7 @@ class VirtualBus:
         next_ns = self._wakes[0][0] if self._wakes else NEVER
         if self._flight:
             return min(next_ns, self._flight_end_ns)
-        return min(next_ns, max(self._free_ns, self._now_ns)) if self._order else next_ns
+        return min(next_ns, max(self._free_ns, self._now_ns)) if self._queues else next_ns
 
     def run(self, until_ns: int) -> None:
         """Let everything happen that happens up to and including ``until_ns``; then it is ``until_ns``."""
@@ -169,7 +168,7 @@ class VirtualBus:
                 if port.wake_ns == wake_ns:
                     port.wake_ns = NEVER
                     self._step(port, next_ns, ())
-            if self._order and not self._flight and self._free_ns <= next_ns:
+            if self._queues and not self._flight and self._free_ns <= next_ns:
                 self._arbitrate(next_ns)
         if until_ns > self._now_ns:
             self._now_ns = until_ns
@@ -209,52 +208,33 @@ class VirtualBus:
                 continue
             port.queued += 1
             key = arbitration_key(frame)
-            queue = self._queues.get(key)
-            if queue is None:
-                self._queues[key] = deque(((port, frame),))
-                heappush(self._order, key)
-            else:
-                if queue[-1][0] is not port:
-                    self._mixed.add(key)
-                queue.append((port, frame))
+            self._queues.setdefault(key, deque()).append((port, frame))
 
     def _arbitrate(self, now_ns: int) -> None:
-        """Begin the transmission of the frame with the lowest key."""
-        key = self._order[0]
-        if key in self._mixed:
-            self._flight = self._contend(key, now_ns)
-            if not self._flight:
-                return
-        else:
-            self._flight = (self._queues[key].popleft(),)
-            self._forget_empty(key)
-        end_ns, duration_ns = self._frame_ns(self._flight[0][1])
-        self._flight_end_ns = now_ns + end_ns
-        self._free_ns = now_ns + duration_ns
-
-    def _contend(self, key: int, now_ns: int) -> tuple[_Waiting, ...]:
-        """Let all ports that offer this key begin together; the answer is what gets through, if anything."""
-        queue = self._queues[key]
-        firsts: dict[int, _Waiting] = {}
+        """Let all ports that offer the lowest key begin together; what gets through, if anything, is sent."""
+        key = min(self._queues)
+        queue, firsts = self._queues[key], dict[int, _Waiting]()
         for waiting in queue:
             firsts.setdefault(waiting[0].index, waiting)
         contenders = list(firsts.values())
         winners, failed = collide(
             [frame for _, frame in contenders], [port.error_counter for port, _ in contenders]
         )
-        sent = tuple(contenders[i] for i in winners)
-        for waiting in sent:
+        self._flight = tuple(contenders[i] for i in winners)
+        for waiting in self._flight:
             queue.remove(waiting)
+        if not queue:
+            del self._queues[key]
         if failed:
             self.n_collisions += 1
             detail = f"COB-ID 0x{contenders[0][1].can_id:X} from {len(contenders)} ports"
             self._report(now_ns, EventKind.COLLISION, detail)
-            if not sent:
-                self._free_ns = now_ns + self._ns_of_bits[COLLISION_BITS]
+            self._free_ns = now_ns + self._ns_of_bits[COLLISION_BITS]
             for i in failed:
                 self._count_error(contenders[i][0], now_ns)
-        self._forget_empty(key)
-        return sent
+        if self._flight:
+            end_ns, duration_ns = self._frame_ns(self._flight[0][1])
+            self._flight_end_ns, self._free_ns = now_ns + end_ns, now_ns + duration_ns
 
     def _count_error(self, port: Port, now_ns: int) -> None:
         port.error_counter += ERROR_PENALTY
@@ -295,23 +275,13 @@ class VirtualBus:
         )
 
     def _frame_ns(self, frame: Frame) -> tuple[int, int]:
-        """Time to the last bit of a frame, and to the end of the interframe space (ns)."""
+        """Time to the last bit of a frame, and with the interframe space (ns); of CAN FD at worst."""
         if frame.flags & FD and self.data_bitrate:
-            duration_ns = fd_bits(frame).ns(self.bitrate, self.data_bitrate)
+            fast = self.data_bitrate if frame.flags & BRS else self.bitrate
+            duration_ns = worst_case_bits(len(frame.data)).ns(self.bitrate, fast)
             return duration_ns - self._ns_of_bits[INTERFRAME_BITS], duration_ns
         bits = classic_bits(frame)
         return self._ns_of_bits[bits - INTERFRAME_BITS], self._ns_of_bits[bits]
-
-    def _forget_empty(self, key: int) -> None:
-        """Remove the queue of a key if nothing is left in it."""
-        if key in self._queues and not self._queues[key]:
-            del self._queues[key]
-            self._mixed.discard(key)
-            if self._order[0] == key:
-                heappop(self._order)
-            else:
-                self._order.remove(key)
-                self._order.sort()  # a sorted list is a heap
 
     def _drop_waiting(self, port: Port) -> None:
         for key, queue in list(self._queues.items()):
@@ -319,7 +289,8 @@ class VirtualBus:
             port.queued -= len(queue) - len(kept)
             port.refused += len(queue) - len(kept)
             self._queues[key] = kept
-            self._forget_empty(key)
+            if not kept:
+                del self._queues[key]
 
     def _report(self, now_ns: int, kind: EventKind, detail: str) -> None:
         if self._on_event:

@@ -1,15 +1,13 @@
-"""How long a frame is on the wire: its exact bits, with stuffing and CRC; what classic CAN and CAN FD carry.
+"""How long a classic frame is on the wire: its exact bits, with stuffing and CRC; what CAN and CAN FD carry.
 
-Up to the end of the CRC of classic CAN, or of the data of CAN FD, the opposite bit is inserted after five
-equal ones, and counts for the next run. Stuff count and CRC of CAN FD have stuff bits at fixed places, the
-first of which stands for one that the data might have called for. Source: ISO 11898-1:2015, 10.4 and 10.5.
+Up to the end of the CRC the opposite bit is inserted after five equal ones, and counts for the next run.
+Source: ISO 11898-1:2015, 10.4 and 10.5. Frames of CAN FD are taken to be as long as they can be: ``fd``.
 """
 
 from __future__ import annotations
 
 import re
 
-from skinbus.can import fd as canfd
 from skinbus.can.classic import (
     CRC_BITS,
     END_BITS,
@@ -18,7 +16,8 @@ from skinbus.can.classic import (
     INTERFRAME_BITS,
     MAX_DATA,
 )
-from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame
+from skinbus.can.fd import LENGTHS
+from skinbus.can.frame import ERROR, EXTENDED, FD, RTR, Frame
 
 _STUFFED = re.compile("0{5}(?:1{4}0{4})*(?:1{4})?|1{5}(?:0{4}1{4})*(?:0{4})?")
 """Bits after which one is inserted: five equal ones, then each four that are equal to the inserted one."""
@@ -43,7 +42,7 @@ def fault(frame: Frame, *, fd: bool = False) -> str:
     if not 0 <= can_id <= (0x1FFF_FFFF if flags & EXTENDED else 0x7FF):
         return "identifier out of range"
     if flags & FD:
-        return "" if len(data) in canfd.LENGTHS else "no length of CAN FD"
+        return "" if len(data) in LENGTHS else "no length of CAN FD"
     return "more than 8 bytes" if len(data) > MAX_DATA else ""
 
 
@@ -77,26 +76,3 @@ def classic_bits(frame: Frame) -> int:
     n += CRC_BITS
     runs = _STUFFED.findall(f"{checked << CRC_BITS | crc:0{n}b}")
     return n + sum(len(run) // 4 for run in runs) + END_BITS + INTERFRAME_BITS
-
-
-def fd_bits(frame: Frame) -> canfd.PhaseBits:
-    """Return the bits of an FD frame that can be carried; without the switch (BRS) all are nominal."""
-    can_id, data, _, flags, _ = frame
-    switch = 1 if flags & BRS else 0
-    # Before the switch: FDF is the recessive bit before a reserved zero. Error state and length code follow.
-    if flags & EXTENDED:
-        n_slow = canfd.HEADER_BITS + canfd.EXTENDED_BITS
-        slow = ((can_id >> 18) << 24) | (3 << 22) | ((can_id & 0x3FFFF) << 4) | 4 | switch
-    else:
-        n_slow, slow = canfd.HEADER_BITS, (can_id << 5) | 4 | switch
-    n_fast = canfd.DATA_HEADER_BITS + 8 * len(data)
-    control = (16 if flags & ESI else 0) | canfd.length_code(len(data))
-    bits = slow << n_fast | control << 8 * len(data) | int.from_bytes(data, "big")
-    runs = _STUFFED.finditer(f"{bits:0{n_slow + n_fast}b}")
-    stuffed = [k for run in runs for k in range(run.start() + 5, run.end() + 1, 4)]
-    stuffed_slow = sum(k <= n_slow for k in stuffed)
-    # after the last bit comes a fixed stuff bit
-    stuffed_fast = sum(n_slow < k < n_slow + n_fast for k in stuffed)
-    nominal = canfd.NOMINAL_BITS + n_slow - canfd.HEADER_BITS + stuffed_slow
-    fast = n_fast + stuffed_fast + canfd.crc_bits(len(data))
-    return canfd.PhaseBits(nominal, fast) if switch else canfd.PhaseBits(nominal + fast, 0)

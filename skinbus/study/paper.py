@@ -2,8 +2,7 @@
 
 The paper's board, 4 x 4 tactels at 10 mm, is pressed at random places between its outer tactels. Varied are
 the force (figures 9, 10), the drop-off rate of the cone (11, 12), and both together (13); for figures 7 and 8
-a square of 50 mm is filled with more and less tactels. All levels see the same readings. The null zone of
-section VII-A is measured without noise and held against eq. 5.
+a square of 50 mm is filled with more and less tactels. All levels see the same readings.
 
 The paper states neither its noise nor its ranges. Here a reading has 1 % noise of the peak under the force of
 reference, a tactel counts as touched at five times that, and K is known, as it is in the paper.

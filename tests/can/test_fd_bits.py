@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skinbus.can.fd import LENGTHS
-from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame
+from skinbus.can.fd import LENGTHS, worst_case_bits
+from skinbus.can.frame import BRS, ERROR, ESI, FD, RTR, Frame
 from skinbus.can.virtual_bus import VirtualBus
-from skinbus.can.wire_bits import fault, fd_bits
+from skinbus.can.wire_bits import fault
 from tests.bus.cores import Talker
 from tests.can.test_classic_bits import binary, identifier_bits, stuff
 
@@ -16,8 +16,7 @@ BITRATE, DATA_BITRATE = 1_000_000, 5_000_000
 
 def on_the_wire(frame):
     """Bits before the switch and after the CRC delimiter; bits between."""
-    ide = "" if frame.flags & EXTENDED else "0"
-    header = identifier_bits(frame) + "0" + ide + "10" + str(int(bool(frame.flags & BRS)))
+    header = identifier_bits(frame) + "0010" + str(int(bool(frame.flags & BRS)))
     body = str(int(bool(frame.flags & ESI))) + binary(LENGTHS.index(len(frame.data)), 4)
     body += "".join(binary(byte, 8) for byte in frame.data)
     slow = stuff(header)
@@ -30,23 +29,20 @@ def on_the_wire(frame):
 
 @st.composite
 def fd_frames(draw):
-    extended = draw(st.booleans())
-    can_id = draw(st.integers(0, 0x1FFFFFFF if extended else 0x7FF))
+    can_id = draw(st.integers(0, 0x7FF))
     n = draw(st.sampled_from(LENGTHS))
     data = draw(st.binary(min_size=n, max_size=n) | st.sampled_from([bytes(n), b"\xff" * n]))
-    flags = FD | (EXTENDED if extended else 0) | draw(st.sampled_from([0, BRS, ESI, BRS | ESI]))
+    flags = FD | draw(st.sampled_from([0, BRS, ESI, BRS | ESI]))
     return Frame(can_id, data, 0, flags)
 
 
 @given(fd_frames())
-def test_length_is_that_of_the_bits_written_out(frame):
+def test_no_frame_is_longer_than_the_worst_case(frame):
     slow, fast = map(len, on_the_wire(frame))
-    assert fd_bits(frame) == ((slow, fast) if frame.flags & BRS else (slow + fast, 0))
-
-
-def test_known_frame_of_zeros():
-    # Two stuff bits among the 14 zeros before FDF; after the switch, one in five of the 512 zeros of data.
-    assert fd_bits(Frame(0, bytes(64), 0, FD | BRS)) == (30 + 2, 5 + 512 + 102 + 32)
+    bound = worst_case_bits(len(frame.data))
+    assert slow <= bound.nominal
+    assert slow + fast <= sum(bound)
+    assert bound.ns(BITRATE, DATA_BITRATE) >= 1000 * slow + 200 * fast
 
 
 @pytest.mark.parametrize(
