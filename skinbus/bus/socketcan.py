@@ -21,6 +21,7 @@ from skinbus.bus.socketcan_batch import (
     CAN_RAW_ERR_FILTER,
     CANFD_MTU,
     CHUNK,
+    MAX_FRAMES,
     BatchReader,
     BatchWriter,
     filters,
@@ -34,10 +35,6 @@ from skinbus.errors import BusError
 
 RECEIVE_BUFFER = 8 << 20
 """Bytes of socket buffer asked for: some 10 000 frames, more than a second of a full 1 Mbit/s bus."""
-
-MAX_CONTROL = 1024
-MAX_DATA_FRAMES = 4096
-"""Frames that one ``receive`` returns at most, so that a babbling node cannot hold it."""
 
 _FULL = {errno.ENOBUFS, errno.EAGAIN, errno.EINTR, errno.ENOMEM}
 
@@ -69,7 +66,7 @@ class SocketCanBus(Bus):
         self._receive_buffer = receive_buffer
         self._data_ids: CobIds = frozenset()
         self._control = self._open(None)
-        self._reader = BatchReader(self._control, self.clock, MAX_CONTROL, without_numba=without_numba)
+        self._reader = BatchReader(self._control, self.clock, MAX_FRAMES, without_numba=without_numba)
         self._writer = BatchWriter(self._control)
         self._data: socket.socket | None = None
         self._data_reader: BatchReader | None = None
@@ -99,7 +96,7 @@ class SocketCanBus(Bus):
         try:
             if data_ids and self._data is None:
                 self._data = self._open(data_ids)
-                self._data_reader = BatchReader(self._data, self.clock, MAX_DATA_FRAMES)
+                self._data_reader = BatchReader(self._data, self.clock, MAX_FRAMES)
                 self.batch = self._data_reader.batch
                 self._sockets.append(self._data)
                 self._babble = BabbleWatch(self._open(frozenset()), self._packets, self.clock)

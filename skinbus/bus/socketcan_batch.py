@@ -71,24 +71,17 @@ _libc.recvmmsg.argtypes = [ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.
 _libc.sendmmsg.argtypes = [ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int]
 
 
-def receive_messages(fd: int, address: int, n: int) -> int:
-    """Receive up to n messages into the headers at an address; 0 when none is there, else OSError."""
-    got: int = _libc.recvmmsg(fd, address, n, MSG_DONTWAIT, None)
-    if got >= 0:
-        return got
-    code = ctypes.get_errno()
-    if code in (11, 4):  # EAGAIN, EINTR
-        return 0
-    raise OSError(code, os.strerror(code))
+def exchange(call: Any, *args: int | None) -> int:
+    """Call recvmmsg or sendmmsg; return how many messages came or went.
 
-
-def send_messages(fd: int, address: int, n: int) -> int:
-    """Send n messages from the headers at an address; how many went out, OSError if not even the first."""
-    sent: int = _libc.sendmmsg(fd, address, n, MSG_DONTWAIT)
-    if sent >= 0:
-        return sent
-    code = ctypes.get_errno()
-    raise OSError(code, os.strerror(code))
+    Raises:
+        OSError: not even the first.
+    """
+    n: int = call(*args)
+    if n < 0:
+        code = ctypes.get_errno()
+        raise OSError(code, os.strerror(code))
+    return n
 
 
 def address_of(array: npt.NDArray[Any]) -> int:
@@ -132,12 +125,6 @@ def filters(cob_ids: Iterable[int] | None) -> bytes:
     return b"".join(struct.pack("<II", *pair) for pair in pairs)
 
 
-def set_timestamps(sock: socket.socket) -> None:
-    """Let every frame bring its time of reception and, after a loss, the count of frames lost."""
-    sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-    sock.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
-
-
 def raise_receive_buffer(sock: socket.socket, size: int) -> None:
     """Ask for so many bytes of receive buffer."""
     for option in (SO_RCVBUFFORCE, socket.SO_RCVBUF):  # the first needs CAP_NET_ADMIN
@@ -156,7 +143,6 @@ def finish(
     t_ns: Any,
     messages: Any,
     control: Any,
-    first: Any,
     n: Any,
     offset_ns: Any,
     last_ns: Any,
@@ -164,11 +150,10 @@ def finish(
 ) -> Any:
     """Turn what the kernel wrote into frames of ours: identifiers without flags, flags, stamps on our clock.
 
-    Message k of n fills row first + k. Stamps never go back, and never beyond ``last_ns[1]``, the time now.
+    Each of n messages fills a row. Stamps never go back, and never beyond ``last_ns[1]``, the time now.
     The headers are made ready for the next call. Returns the kernel's drop counter, as last seen.
     """
-    for k in range(n):
-        i = first + k
+    for i in range(n):
         raw = can_id[i]
         mark = 0
         if raw & ERR_FLAG:
@@ -181,7 +166,7 @@ def finish(
             can_id[i] = raw & SFF_MASK
         if raw & RTR_FLAG:
             mark |= RTR
-        if messages[k, 7] == CANFD_MTU:
+        if messages[i, 7] == CANFD_MTU:
             mark |= FD
             if flags[i] & 1:
                 mark |= BRS
@@ -192,16 +177,16 @@ def finish(
             length[i] = min(length[i], 8)
         flags[i] = mark
         bus[i] = 0  # what the sender left in the kernel's reserved byte
-        written = messages[k, 5]
+        written = messages[i, 5]
         stamp = last_ns[1]
-        if written >= 32 and control[k, 1] == (np.int64(SO_TIMESTAMPNS) << 32) | 1:
-            stamp = min(control[k, 2] * 1_000_000_000 + control[k, 3] + offset_ns, stamp)
-            if written >= 52 and control[k, 5] == (np.int64(SO_RXQ_OVFL) << 32) | 1:
-                dropped = control[k, 6] & 0xFFFF_FFFF
+        if written >= 32 and control[i, 1] == (np.int64(SO_TIMESTAMPNS) << 32) | 1:
+            stamp = min(control[i, 2] * 1_000_000_000 + control[i, 3] + offset_ns, stamp)
+            if written >= 52 and control[i, 5] == (np.int64(SO_RXQ_OVFL) << 32) | 1:
+                dropped = control[i, 6] & 0xFFFF_FFFF
         last_ns[0] = max(last_ns[0], stamp)
         t_ns[i] = last_ns[0]
-        messages[k, 5] = CONTROL_BYTES
-        messages[k, 6] = 0
+        messages[i, 5] = CONTROL_BYTES
+        messages[i, 6] = 0
     return dropped
 
 
@@ -213,8 +198,10 @@ def finish_kernel() -> Callable[..., Any]:
     return kernel(finish)
 
 
+MAX_FRAMES = 1024
+"""Frames of a system call: the kernel takes no more (UIO_MAXIOV), and a babbling node cannot hold it."""
 CHUNK = 256
-"""Frames per system call: beyond that the time per frame no longer falls."""
+"""Frames that are sent by one."""
 
 _FRAME = struct.Struct("<IBB2x64s")
 
@@ -231,20 +218,16 @@ class BatchReader:
         """Frames the kernel had no room for since the socket was opened."""
         self._fd = sock.fileno()
         self._clock = clock
-        set_timestamps(sock)
-        self._chunk = min(CHUNK, capacity)
-        self._control = np.zeros((self._chunk, CONTROL_BYTES // 8), np.int64)
-        self._messages, self._vectors = headers(
-            np.zeros(self._chunk, FRAME_DTYPE), self._control.view(np.uint8)
-        )
-        self._words = self._messages.view(np.int64).reshape(self._chunk, -1)
-        self._rows = np.arange(self._chunk, dtype=np.uint64) * FRAME_DTYPE.itemsize
-        self._pointed = -1
+        sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        sock.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
+        frames = self.batch.frames
+        self._control = np.zeros((capacity, CONTROL_BYTES // 8), np.int64)
+        self._messages, self._vectors = headers(frames, self._control.view(np.uint8))
+        self._words = self._messages.view(np.int64).reshape(capacity, -1)
         self._address = address_of(self._messages)
         self._last_ns = np.zeros(2, np.int64)
-        frames = self.batch.frames
         self._columns = frames["can_id"], frames["length"], frames["flags"], frames["bus"]
-        self._finish(0, 0)  # compiled now, not when frames wait
+        self._finish(0)  # compiled now, not when frames wait
 
     def read(self) -> int:
         """Read all that is there, as far as the batch has room; how many. The batch holds only these.
@@ -254,40 +237,20 @@ class BatchReader:
         """
         batch = self.batch
         batch.n = 0
-        while batch.n < len(batch.frames):
-            room = min(self._chunk, len(batch.frames) - batch.n)
-            self._point(batch.n)
-            n = receive_messages(self._fd, self._address, room)
-            if n == 0:
-                break
-            self._finish(batch.n, n)
-            batch.n += n
-            if n < room:
-                break
-        return batch.n
+        try:
+            n = exchange(_libc.recvmmsg, self._fd, self._address, len(batch.frames), MSG_DONTWAIT, None)
+        except (BlockingIOError, InterruptedError):
+            return 0
+        self._finish(n)
+        batch.n = n
+        return n
 
-    def _finish(self, first: int, n: int) -> None:
-        """Turn the n messages that were received into frames of ours, from row ``first`` on."""
+    def _finish(self, n: int) -> None:
+        """Turn the n messages that were received into frames of ours."""
         now_ns = self._last_ns[1] = self._clock.now_ns()
-        self.n_dropped = int(
-            self._finish_rows(
-                *self._columns,
-                self.batch.t_ns,
-                self._words,
-                self._control,
-                first,
-                n,
-                now_ns - time.time_ns(),
-                self._last_ns,
-                self.n_dropped,
-            )
-        )
-
-    def _point(self, first: int) -> None:
-        """Let the messages fill the batch from row ``first`` on."""
-        if first != self._pointed:
-            self._vectors["base"] = address_of(self.batch.frames) + first * FRAME_DTYPE.itemsize + self._rows
-            self._pointed = first
+        messages = self._words, self._control, n, now_ns - time.time_ns()
+        columns = *self._columns, self.batch.t_ns
+        self.n_dropped = int(self._finish_rows(*columns, *messages, self._last_ns, self.n_dropped))
 
 
 class BatchWriter:
@@ -313,7 +276,7 @@ class BatchWriter:
             _FRAME.pack_into(self._memory, i * CANFD_MTU, *to_kernel(frame))
             self._lengths[i] = CANFD_MTU if frame.flags & FD else CAN_MTU
         self._vectors["length"][:n] = self._lengths[:n]
-        return send_messages(self._fd, self._address, n)
+        return exchange(_libc.sendmmsg, self._fd, self._address, n, MSG_DONTWAIT)
 
 
 def to_kernel(frame: Frame) -> tuple[int, int, int, bytes]:

@@ -21,7 +21,7 @@ def finished(function, seed):
         control[:, 5] = rng.choice([counted, 0], 64)
         last_ns[1] += 10**14
         columns = [batch.frames[name] for name in ("can_id", "length", "flags", "bus")]
-        dropped = function(*columns, batch.t_ns, messages, control, 0, 64, 7, last_ns, dropped)
+        dropped = function(*columns, batch.t_ns, messages, control, 64, 7, last_ns, dropped)
     return int(dropped), batch.frames.tobytes(), batch.t_ns.tolist(), messages.tolist()
 
 

@@ -18,7 +18,7 @@ compiled, octets, times = [], np.zeros(1, np.uint8), np.zeros(2, np.int64)
 words = np.zeros((1, 8), np.int64)
 with on_compile(lambda: compiled.append(1)):
     finish = finish_kernel()
-    dropped = finish(np.zeros(1, np.uint32), octets, octets, octets, times, words, words, 0, 0, 0, times, 123)
+    dropped = finish(np.zeros(1, np.uint32), octets, octets, octets, times, words, words, 0, 0, times, 123)
 print(dropped, "compiled" if compiled else "loaded")
 """
 NOBODY = 65534
