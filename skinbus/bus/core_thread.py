@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from contextlib import nullcontext, suppress
-from functools import partial
+from contextlib import nullcontext
 from typing import Any
 
 from skinbus.bus.interface import Bus
-from skinbus.bus.loop import LoopReport, run_core
+from skinbus.bus.loop import Loop
 from skinbus.bus.realtime import GcScheduler, take_priority
 from skinbus.can.core import Core
-from skinbus.errors import BusError
 
 
 class CoreThread:
@@ -33,24 +31,15 @@ class CoreThread:
         on_end        called by the thread at its end, with the error that ended it
         urgent        the thread comes before all others; ``complain`` gets why not, where that is refused
         steady        garbage is collected in pauses only; it is so with ``urgent``, too
-        options       those of :func:`run_core`
+        options       those of ``Loop``
         """
-        self.report = LoopReport()
         self.error: BaseException | None = None
         self.ended = threading.Event()
-        self._core, self._open_buses, self._options = core, open_buses, options
         self._on_end, self._complain, self._urgent = on_end, complain, urgent
         self._steady = steady or urgent
         self._stop = threading.Event()
-        self._first: dict[int, Bus] = {}
-        try:
-            for k, open_bus in enumerate(open_buses):
-                self._first[k] = open_bus()
-        except BusError:
-            for bus in self._first.values():
-                with suppress(BusError):
-                    bus.close()
-            raise
+        self._loop = Loop(core, open_buses, self._stop, **options)
+        self.report = self._loop.report
         self._thread = threading.Thread(target=self._run, name="skinbus", daemon=True)
 
     def start(self) -> None:
@@ -65,23 +54,13 @@ class CoreThread:
 
     def _run(self) -> None:
         try:
-            with GcScheduler() if self._steady else nullcontext() as tidy:
+            with GcScheduler() if self._steady else nullcontext() as self._loop.tidy:
                 for complaint in take_priority() if self._urgent else ():
                     self._complain(complaint)
-                self.report = run_core(
-                    self._core,
-                    *(partial(self._open, k) for k in range(len(self._open_buses))),
-                    stop=self._stop,
-                    tidy=tidy,
-                    **self._options,
-                )
+                self._loop.run()
         except BaseException as error:  # noqa: BLE001 - handed to the thread that waits
             self.error = error
         finally:
             self.ended.set()
             if self._on_end:
                 self._on_end(self.error)
-
-    def _open(self, k: int) -> Bus:
-        first = self._first.pop(k, None)
-        return self._open_buses[k]() if first is None else first

@@ -11,8 +11,7 @@ import select
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import InitVar, dataclass, field
 
 from skinbus.bus.interface import Bus
 from skinbus.bus.managed_interface import ManagedInterface
@@ -53,32 +52,22 @@ class LoopReport:
     n_outages: int = 0
 
 
-def run_core(core: Core, *open_buses: Callable[[], Bus], **options: Any) -> LoopReport:
-    """Run ``core`` on the buses that ``open_buses`` open until it is asked to stop or sends a STOP event.
-
-    There is one for each bus of the core. The first opening of each must succeed (else BusError); a bus lost
-    later is opened again for as long as it takes, while the others go on. Options:
-
-    stop      asks it to end when it is set
-    clock     the machine's monotonic clock by default
-    on_step   called after each step, in this thread: short, please
-    on_event  called with each event of the core and of its interfaces
-    tidy      collects garbage, while the loop would sleep
-    final_frames  called with the time when all is over: frames to send before the interfaces are closed
-    """
-    if len(open_buses) != core.n_buses:
-        raise ValueError(f"{len(open_buses)} interfaces for a core on {core.n_buses} buses")
-    driver = _Driver(core, **options)
-    driver.lines = [
-        ManagedInterface(k, core, open_bus, driver.clock, driver.take_news)
-        for k, open_bus in enumerate(open_buses)
-    ]
-    return driver.run()
-
-
 @dataclass
-class _Driver:
+class Loop:
+    """Runs ``core`` on the buses that ``opens`` open until ``stop`` is set or the core sends a STOP event.
+
+    There is one for each bus of the core. They are opened at once, each of them (else BusError); a bus lost
+    later is opened again for as long as it takes, while the others go on.
+
+    Args:
+        on_step: called after each step, in the thread of the loop: short, please.
+        on_event: called with each event of the core and of its interfaces.
+        final_frames: called with the time when all is over: frames to send before the buses are closed.
+        tidy: collects garbage, while the loop would sleep.
+    """
+
     core: Core
+    opens: InitVar[Sequence[Callable[[], Bus]]]
     stop: threading.Event
     clock: Clock = field(default_factory=MonotonicClock)
     on_step: Callable[[Step], object] | None = None
@@ -86,14 +75,27 @@ class _Driver:
     final_frames: Callable[[int], Frames] | None = None
     tidy: GcScheduler | None = None
     report: LoopReport = field(default_factory=LoopReport)
-    lines: Sequence[ManagedInterface] = ()
     stopping: bool = False
     pace_ns: int = 0
     last_data_ns: int = 0
 
+    def __post_init__(self, opens: Sequence[Callable[[], Bus]]) -> None:
+        if len(opens) != self.core.n_buses:
+            raise ValueError(f"{len(opens)} interfaces for a core on {self.core.n_buses} buses")
+        self.lines = [
+            ManagedInterface(k, self.core, open_bus, self.clock, self.take_news)
+            for k, open_bus in enumerate(opens)
+        ]
+        try:
+            for line in self.lines:
+                line.open()
+        except BusError:
+            with suppress(BusError):
+                self.close()
+            raise
+
     def run(self) -> LoopReport:
         """The loop, the final frames and the end, each whatever the others do; the first error is raised."""
-        self.open()
         sharpen_timers()
         errors: list[BaseException] = []
         for part in (self.loop, self.say_farewell, self.close):
@@ -121,16 +123,6 @@ class _Driver:
         """Send the last frames."""
         if self.final_frames:
             self.send(self.final_frames(self.clock.now_ns()))
-
-    def open(self) -> None:
-        """Open all buses, or none."""
-        try:
-            for line in self.lines:
-                line.open()
-        except BusError:
-            with suppress(BusError):
-                self.close()
-            raise
 
     def close(self) -> None:
         """Let go of all buses, also when one of them fails at it."""

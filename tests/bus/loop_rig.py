@@ -3,7 +3,7 @@
 import threading
 
 from skinbus.bus.interface import Bus
-from skinbus.bus.loop import run_core
+from skinbus.bus.loop import Loop
 from skinbus.can.clock import VirtualClock
 from skinbus.can.frame import FrameBatch
 from skinbus.errors import BusError
@@ -84,4 +84,4 @@ def run(core, *, until_ns, arrivals=(), outage=None, **more):
     for frame in arrivals:
         buses[frame.bus].arrivals.append(frame._replace(bus=0))
     opens = [bus.open for bus in buses]
-    return buses, run_core(core, *opens, stop=VirtualStop(clock, until_ns), clock=clock, **more)
+    return buses, Loop(core, opens, stop=VirtualStop(clock, until_ns), clock=clock, **more).run()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from skinbus.bus.loop import run_core
+from skinbus.bus.loop import Loop
 from skinbus.can.clock import VirtualClock
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
@@ -71,13 +71,13 @@ def test_buses_are_closed_and_the_first_error_is_raised_whatever_fails(core, fai
     errors = [KeyError] if isinstance(core, Failing) else []
     errors += {"final_frames": [ValueError], "close": [BusError], "both": [ValueError, BusError]}[fails]
     with pytest.raises(errors[0]) as caught:
-        run_core(
+        Loop(
             Two(),
-            *(b.open for b in buses),
+            [b.open for b in buses],
             stop=VirtualStop(clock, MS),
             clock=clock,
             final_frames=final_frames,
-        )
+        ).run()
     assert [bus.is_open for bus in buses] == [False, False]
     notes = getattr(caught.value, "__notes__", [])
     assert [note.split("(")[0] for note in notes] == [f"then: {error.__name__}" for error in errors[1:]]

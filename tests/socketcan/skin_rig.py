@@ -4,7 +4,7 @@ import struct
 import threading
 import time
 
-from skinbus.bus.loop import run_core
+from skinbus.bus.loop import Loop
 from skinbus.bus.socketcan import SocketCanBus
 from skinbus.config.system import ods_of
 from skinbus.master import Master
@@ -107,7 +107,8 @@ class Skin:
 
     def _run(self, core, channel, on_event, on_step):
         try:
-            run_core(core, lambda: SocketCanBus(channel), stop=self._stop, on_event=on_event, on_step=on_step)
+            opens = [lambda: SocketCanBus(channel)]
+            Loop(core, opens, stop=self._stop, on_event=on_event, on_step=on_step).run()
         except BaseException as error:
             self.errors.append(error)
             raise

@@ -3,7 +3,7 @@
 import threading
 import time
 
-from skinbus.bus.loop import run_core
+from skinbus.bus.loop import Loop
 from skinbus.bus.socketcan import SocketCanBus
 from skinbus.can.event import EventKind
 from skinbus.config.system import ods_of
@@ -27,7 +27,7 @@ def test_interface_that_goes_and_comes_leaves_the_other_bus_alone(make_channel, 
 
     def run(core, on_event):
         opens = [lambda: SocketCanBus(left), lambda: SocketCanBus(right)]
-        run_core(core, *opens, stop=stop, on_event=on_event)
+        Loop(core, opens, stop, on_event=on_event).run()
 
     threads = [
         threading.Thread(target=run, args=(core, on)) for core, on in ((world, None), (master, events.append))
