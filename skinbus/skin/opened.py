@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing
 from functools import cache
 from pathlib import Path
+from subprocess import Popen
 from typing import Any
 
 from skinbus.bus.core_thread import CoreThread
-from skinbus.bus.interface import Bus
 from skinbus.can.core import Step
 from skinbus.config.system import load_arm
 from skinbus.errors import ArgumentError, BusError
@@ -90,13 +90,6 @@ def channel_words(channel: Channel) -> Sequence[str]:
     return (channel,) if isinstance(channel, str) else channel or ()
 
 
-def refuse_other_master(bus: Bus, place: BusAddress, patience_s: float) -> None:
-    """Raise BusError when another master is at work on a bus."""
-    other_master = OtherMaster()
-    other_master.step(0, bus.receive(0.0) or bus.receive(patience_s))
-    other_master.refuse(str(place))
-
-
 @cache
 def _say_why() -> None:
     KERNELS.warning("compiling kernels, once: 10 s, for fit 25 s; `skinbus doctor warm` does it ahead")
@@ -105,6 +98,40 @@ def _say_why() -> None:
 def saying_why() -> AbstractContextManager[None]:
     """Return a block in which a log says once why the first start takes long, if kernels are compiled."""
     return on_compile(_say_why)
+
+
+def make_master(
+    arm: Arm,
+    places: Sequence[BusAddress],
+    level: str,
+    meanwhile: AbstractContextManager[None],
+    **settings: Any,
+) -> tuple[Master, Popen[bytes] | None]:
+    """Return a master, and the process that compiles its level if that is not compiled yet.
+
+    The buses are opened first: one that cannot be is an error at once, and other masters are detected.
+
+    Args:
+        meanwhile: what says that kernels are compiled.
+        settings: of ``Master``.
+
+    Raises:
+        BusError: a bus cannot be opened, or another master is at work.
+    """
+    with ExitStack() as stack:
+        buses = [stack.enter_context(closing(place.open())) for place in places]
+        available = first_level(level)
+        compiler = start_compiling() if available != level else None
+        clocks: dict[str, Any] = {"clock": monotonic_clock(), "stopwatch": time.perf_counter_ns}
+        with meanwhile:
+            master = Master(
+                arm, number=secrets.randbits(32), level=level, available=available, **clocks, **settings
+            )
+        for bus, place in zip(buses, places, strict=True):
+            other_master = OtherMaster()
+            other_master.step(0, bus.receive(0.0) or bus.receive(2.0 / arm.bus.rate_hz))
+            other_master.refuse(str(place))
+    return master, compiler
 
 
 class _MasterFeed(Feed):
@@ -118,25 +145,10 @@ class _MasterFeed(Feed):
         super().__init__(self._maker.layout, f"master on {shown(places)}")
         self._wanted: deque[tuple[int | None, threading.Event]] = deque()
         self._report: CycleReport | None = None
-        # The buses are opened first: one that cannot be is an error at once, and other masters are detected.
-        with ExitStack() as stack:
-            buses = [stack.enter_context(closing(place.open())) for place in places]
-            available = first_level(level)
-            compiler = start_compiling() if available != level else None
-            with saying_why():
-                self._master = Master(
-                    arm,
-                    number=secrets.randbits(32),
-                    level=level,
-                    available=available,
-                    clock=monotonic_clock(),
-                    stopwatch=time.perf_counter_ns,
-                    on_cycle=self._on_cycle,
-                    **settings,
-                )
-            self.robot = self._master.robot
-            for bus, place in zip(buses, places, strict=True):
-                refuse_other_master(bus, place, 2.0 / arm.bus.rate_hz)
+        self._master, compiler = make_master(
+            arm, places, level, saying_why(), on_cycle=self._on_cycle, **settings
+        )
+        self.robot = self._master.robot
         with ExitStack() as undo:
             self._writer = undo.enter_context(closing(SharedWriter(share, self.layout))) if share else None
             self._thread = CoreThread(

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import secrets
 import sys
-import time
-from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -31,7 +27,6 @@ from skinbus.cli.options import (
 from skinbus.cli.output import echo
 from skinbus.cli.state_keeper import Keeper, keep_health, keep_state
 from skinbus.config.system import load_arm
-from skinbus.estimate import monotonic_clock
 from skinbus.master import CycleReport, Master
 from skinbus.master.health import Health
 from skinbus.master.memory import Memory
@@ -39,15 +34,13 @@ from skinbus.master.patches.table import PatchState
 from skinbus.model import Arm
 from skinbus.robot.chain import check_robot
 from skinbus.skin.addresses import shown
-from skinbus.skin.compile_ahead import allow_when_compiled, first_level, start_compiling
+from skinbus.skin.compile_ahead import allow_when_compiled
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.master_cycles import CycleMaker
-from skinbus.skin.opened import refuse_other_master
+from skinbus.skin.opened import make_master
 from skinbus.skin.shared_memory import SharedWriter
 from skinbus.view.screen import REFRESH_S, live_screen
 
-REMEMBERED = 100_000
-"""Cycles whose compute times the summary is made of, the last of a long run."""
 RECENT_NS = 1_000_000_000
 """A patch that sent readings so long before the end was alive then."""
 
@@ -101,15 +94,16 @@ def command(
     loaded = check_robot(load_arm(arm))
     places = where.places(*loaded.buses)
     console = Console(outlives_reader=True)
-    with ExitStack() as ears:
-        # The buses are opened first: one that cannot be is reported at once; frames are received meanwhile.
-        listening = [ears.enter_context(closing(place.open())) for place in places]
-        available = first_level(level)
-        compiler = start_compiling() if available != level else None
-        with compiling(console):
-            run = Run(loaded, console, level, available=available, budget_us=budget_us, zero_at_start=zero)
-        for ear, place in zip(listening, places, strict=True):
-            refuse_other_master(ear, place, 2.0 / loaded.bus.rate_hz)
+    run = Run(loaded, console)
+    run.master, compiler = make_master(
+        loaded,
+        places,
+        level,
+        compiling(console),
+        budget_us=budget_us,
+        zero_at_start=zero,
+        on_cycle=run.take,
+    )
     host = Host(
         run.master,
         places,
@@ -127,7 +121,7 @@ def command(
         echo(f"{loaded.name}: {patches}, SYNC at {loaded.bus.rate_hz:g} Hz; Ctrl-C stops")
         stack.enter_context(host)
         if compiler:
-            run.say(f"contacts of level {available} until {level} is compiled")
+            run.say(f"contacts of level {run.master.level_control.level} until {level} is compiled")
             allow_when_compiled(run.master, level, compiler)
         with live_screen(console, loaded, is_wanted=not quiet) as show:
             host.wait(seconds, REFRESH_S, partial(run.follow, show))
@@ -143,25 +137,17 @@ def command(
 class Run:
     """What follows the cycles of a master: screen, systemd, shared memory, files and the summary."""
 
-    def __init__(self, arm: Arm, console: Console, level: str, **settings: Any) -> None:
-        """Make the master, with these settings."""
+    master: Master
+
+    def __init__(self, arm: Arm, console: Console) -> None:
         self.say = partial(console.print, soft_wrap=True)
         self.notifier = Notifier()
         self.maker = CycleMaker(arm)
         self.writer: SharedWriter | None = None
         self._arm = arm
         self._newest: Cycle | None = None
-        self._computes: deque[int] = deque(maxlen=REMEMBERED)
+        self._n_cycles = 0
         self._keepers: tuple[Keeper, ...] = ()
-        self.master = Master(
-            arm,
-            level=level,
-            number=secrets.randbits(32),
-            clock=monotonic_clock(),
-            stopwatch=time.perf_counter_ns,
-            on_cycle=self._take,
-            **settings,
-        )
 
     def keep(self, file: Path) -> None:
         """Take up state and health from files, and keep them there."""
@@ -171,12 +157,12 @@ class Run:
             keep_health(file, Health(cycle), self.say),
         )
 
-    def _take(self, report: CycleReport) -> None:
+    def take(self, report: CycleReport) -> None:
         """Take a cycle; called in the thread of the master."""
         self._newest = self.maker.make(self.master, report)
         if self.writer:
             self.writer.write(self._newest)
-        self._computes.append(report.compute_ns)
+        self._n_cycles += 1
         patches, contacts = counted(self._arm.n_patches, "patch"), counted(len(report.contacts), "contact")
         self.notifier.alive(f"{report.n_fresh} of {patches}, {contacts}")
         for keeper in self._keepers:
@@ -201,12 +187,12 @@ class Run:
         is_alive = (table.state == PatchState.OPERATIONAL) | recent
         n_alive = int(is_alive.sum())
         patches = f"{n_alive} of {counted(self._arm.n_patches, 'patch')} alive"
-        cycles = counted(len(self._computes), "cycle")
+        cycles = counted(self._n_cycles, "cycle")
         self.say(f"{cycles}, {patches}; {pace.overruns} late, {pace.cut_short} cut short")
         for state in PatchState:
             for where in nodes_by_bus(self._arm, ~is_alive & (table.state == state)):
                 self.say(f"{state.name.lower()}: {where}", style="yellow")
-        if self._computes and not any_received:
+        if self._n_cycles and not any_received:
             text = "no patch has sent anything: are they on this bus, powered, at this bit rate?"
             self.say(text, style="yellow")
         return n_alive
