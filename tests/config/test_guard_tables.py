@@ -167,7 +167,7 @@ def test_limits_that_no_reading_exceeds_are_refused(tmp_path):
     assert faults(tmp_path, text) == [
         "guard.region[1].force_n: is 313.0; wanted at most 312.3, what patch upper 2 can state by "
         "transient_factor = 2",
-        "guard.region[1].pressure_kpa: is 126.0; wanted at most 125, what patch upper 2 can state by "
+        "guard.region[1].pressure_kpa: is 126.0; wanted at most 124.9, what patch upper 2 can state by "
         "transient_factor = 2",
     ]
 
