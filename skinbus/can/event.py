@@ -90,6 +90,10 @@ class EventKind(StrEnum):
     CONTACTS_LOST = "contacts-lost"
     """The shared memory with contacts is stale or gone."""
     CONTACTS_BACK = "contacts-back"
+    NOT_GUARDING = "not-guarding"
+    """Patches that the arm file has limits for do not run, hold other limits, or have tactels that are not
+    plausible: ``count`` of them, ``detail`` names them."""
+    NOT_GUARDING_END = "not-guarding-end"
     ZEROED = "zeroed"
     LEVEL = "level"
     """The level of the estimator changed."""

@@ -124,7 +124,11 @@ def guard_settings(table: GuardTable, arm: Arm, faults: FaultList) -> GuardSetti
                 if factor * limit > most and math.isfinite(limit):
                     scale = f"what patch {arm.node_label(p)} can state"
                     by = f" by transient_factor = {factor:g}" * (factor > 1.0)
-                    faults.add(f"{key}.{name}", limit, f"at most {most / factor:.4g}, {scale}{by}")
+                    faults.add(
+                        f"{key}.{name}",
+                        limit,
+                        f"at most {math.floor(100 * most / factor) / 100:g}, {scale}{by}",
+                    )
     return GuardSettings(
         regions=tuple(regions),
         n=table.samples[0],

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -18,12 +19,21 @@ from skinbus.config.mounting import outside, overlap
 from skinbus.config.placement import Mounting
 from skinbus.errors import ConfigError, EdsError, Fault, FaultList
 from skinbus.model import Arm, Link, Patch, PlacedPatch
+from skinbus.model.guard import GuardSettings
 from skinbus.objects import cia
 from skinbus.objects.board import describe_patch
 from skinbus.objects.bus_load import CLASSIC_BYTES, MAX_LOAD, cyclic_load
 from skinbus.objects.eds import load_eds
+from skinbus.objects.guard import liveness_pdo
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
-from skinbus.objects.profile import HEALTHY_TACTELS, MASTER_NODE_ID, TACTEL_COUNT, current, look_up
+from skinbus.objects.profile import (
+    GUARD_STATE,
+    HEALTHY_TACTELS,
+    MASTER_NODE_ID,
+    TACTEL_COUNT,
+    current,
+    look_up,
+)
 from skinbus.objects.settings import Settings, freeze
 
 PLACEMENT_TOLERANCE = 1e-3
@@ -47,13 +57,16 @@ def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
         links, placed = lay_links(file, placed, faults)
     if not faults:
         arm = Arm(file.name, links, placed, *file.buses, robot=file.robot)
+        if file.guard:
+            arm.guard = guard_settings(file.guard, arm, faults)
+            placed = list(_with_liveness(arm, arm.guard, ods, file.mountings, faults))
+            arm = Arm(file.name, links, placed, *file.buses, robot=file.robot, guard=arm.guard)
+            ods = ods_of(arm)
         _check_geometry(arm, file.mountings, faults)
         _check_bus(arm, ods, file.mountings, faults)
         _check_mapped(arm, ods, file.mountings, faults)
         if check_load:
             _check_load(arm, ods, faults)
-        if file.guard:
-            arm.guard = guard_settings(file.guard, arm, faults)
         if not faults:
             return arm
     raise ConfigError(str(path), faults)
@@ -132,6 +145,31 @@ def _at(mounting: Mounting, eds: str, fault: Fault) -> Fault:
         fault.seen,
         fault.wanted,
     )
+
+
+def _with_liveness(
+    arm: Arm,
+    guard: GuardSettings,
+    ods: Sequence[ObjectDictionary],
+    mountings: Sequence[Mounting],
+    faults: FaultList,
+) -> Iterator[PlacedPatch]:
+    """Yield the patches; those with limits send the state of their guard."""
+    for placed, od, mounting, guards in zip(arm.patches, ods, mountings, arm.guarded, strict=True):
+        pdo = liveness_pdo(od)
+        if guards and pdo is None:
+            faults.add(f"{mounting.key}.eds", placed.eds, f"a board with {GUARD_STATE!r} in a TPDO")
+        elif guards and pdo and pdo.cob_id > cia.LAST_PDO_ID:
+            most = placed.node_id - pdo.cob_id + cia.LAST_PDO_ID
+            faults.add(f"{mounting.key}.node_id", placed.node_id, f"at most {most}, as the board is guarded")
+        elif guards and pdo:
+            sets = cia.TPDO_COMMUNICATION + pdo.number - 1
+            own = {
+                f"0x{sets:04X}:{cia.PDO_COB_ID:02X}": pdo.cob_id | cia.COB_ID_NO_RTR,
+                f"0x{sets:04X}:{cia.PDO_EVENT_TIMER:02X}": guard.liveness_ns // 1_000_000,
+            }
+            placed = replace(placed, settings=(*own.items(), *placed.settings))
+        yield placed
 
 
 def _check_geometry(arm: Arm, mountings: Sequence[Mounting], faults: FaultList) -> None:

@@ -14,6 +14,7 @@ from skinbus.estimate import Baseline, Plausibility
 from skinbus.master.alarms import Alarms, PlausibilityReport
 from skinbus.master.commissioning.sessions import timeouts_of
 from skinbus.master.gather import Gather
+from skinbus.master.guarding import Guarding
 from skinbus.master.network import Network
 from skinbus.master.other_master import Contest, OtherMaster
 from skinbus.master.patches.provisioning import ExpectedNode
@@ -45,6 +46,7 @@ class BusMaster:
         baseline: Baseline,
         plausibility: Plausibility,
         data_ids: frozenset[int],
+        guarding: Guarding | None,
         *,
         follows: bool = False,
     ) -> None:
@@ -57,7 +59,7 @@ class BusMaster:
         od = load_eds("skin-master", node_id)
         self.device = Device(od, node_id)
         self.supervisor: PatchMonitor = (
-            PatchMonitor(plans, table) if follows else Supervisor(plans, table, timeouts_of(arm))
+            PatchMonitor(plans, table) if follows else Supervisor(plans, table, timeouts_of(arm), guarding)
         )
         requests = {cia.SDO_CLIENT_BASE + plan.node_id for plan in plans}
         taken = data_ids | self.supervisor.cob_ids | requests
@@ -65,6 +67,7 @@ class BusMaster:
         self.tactels = PlausibilityReport(arm, number, od, self.device, plausibility)
         self.alarms = Alarms(self.device)
         self.other_master = None if follows else OtherMaster()
+        self._guarding = guarding
         self.is_lost = False
         """Whether nothing on the bus can be received."""
         self.out: list[Frame] = []
@@ -139,6 +142,8 @@ class BusMaster:
         """Write the states of patches and tactels to the objects."""
         self.network.show(self.table)
         self.events += self.tactels.show(now_ns)
+        if self._guarding:
+            self.events += self._guarding.show(now_ns, self.device)
 
     def answer(self, now_ns: int, frames: Sequence[Frame], sync: Frame | None) -> None:
         """Publish events as EMCY and let the node answer frames; ``sync`` is one that it passes on."""

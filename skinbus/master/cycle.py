@@ -122,6 +122,8 @@ class Cycle:
         self.baseline = Baseline(arm)
         self.plausibility = Plausibility(arm)
         self._load_meter = LoadMeter(arm)
+        self.areas = self._load_meter.areas
+        """(n_tactels,) m^2, by which pressures are multiplied in a load."""
         self.loads = self._load_meter.measure(np.zeros(arm.n_tactels), np.zeros(arm.n_tactels, np.int8))
         self.pressures = np.zeros(arm.n_tactels)
         """(n_tactels,) Pa of the newest cycle, less the zeros; of stale patches old, and not used."""

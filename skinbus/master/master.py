@@ -24,6 +24,7 @@ from skinbus.master.bus_master import BusMaster
 from skinbus.master.cycle import Cycle, CycleReport
 from skinbus.master.freshness import GAP, Freshness
 from skinbus.master.gather import Gather
+from skinbus.master.guarding import Guarding
 from skinbus.master.level_control import TPDO_BITS, CycleFlags, LevelControl
 from skinbus.master.other_master import Contest
 from skinbus.master.patches.provisioning import expected_nodes
@@ -98,8 +99,13 @@ class Master(Core):
             from skinbus.master.robot import MasterRobot  # nobody else pays for it
 
             self.robot = MasterRobot(arm)
+        areas = self.cycle.areas if arm.guard and not follows else None
         self.branches = [
-            BusMaster(arm, k, node_id, plans, self.table, *stages, data_ids, follows=follows)
+            BusMaster(
+                *(arm, k, node_id, plans, self.table, *stages, data_ids),
+                None if areas is None else Guarding(arm, k, ods, areas, self.table, *stages),
+                follows=follows,
+            )
             for k, data_ids in enumerate(plan.cob_ids_on)
         ]
         """By bus."""

@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.arrays import Floats
+from skinbus.arrays import Bools, Floats
 from skinbus.model.bend import COLUMNS, bent
 from skinbus.model.guard import GuardSettings
 from skinbus.model.law import DEFAULT_LAW, Law
@@ -209,6 +209,12 @@ class Arm:
     def bus(self) -> BusSettings:
         """The first bus, of most arms the only one."""
         return self.buses[0]
+
+    @property
+    def guarded(self) -> Bools:
+        """Which patches have limits, (n_patches,): those with a healthy tactel in a region."""
+        tactels = self.tactel_healthy & (self.guard.tactels if self.guard else False)
+        return np.logical_or.reduceat(tactels, self.patch_start[:-1])
 
     def patch_at(self, node_id: int, bus: int = 0) -> int:
         """Return the patch with a node-ID on a bus; KeyError when there is none."""

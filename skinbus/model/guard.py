@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from skinbus.arrays import Bools
 
 
@@ -41,6 +43,11 @@ class GuardSettings:
     """Assumed of the process or the relay, from GFC to its output."""
     stop_ns: int = 0
     """Assumed of the device that stops the robot, from that output to standstill."""
+
+    @property
+    def tactels(self) -> Bools:
+        """(n_tactels,) which are in a region."""
+        return np.asarray(np.any([region.tactels for region in self.regions], axis=0))
 
     def part(self, tactels: slice) -> GuardSettings:
         """Return the guard of some of the tactels."""

@@ -10,7 +10,7 @@ from skinbus.can import classic, fd
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.model import Arm, BusSettings
 from skinbus.objects.eds import load_eds
-from skinbus.objects.pdo import tpdos
+from skinbus.objects.pdo import carries_readings, tpdos
 from skinbus.objects.profile import MASTER_NODE_ID
 
 __all__ = ["CLASSIC_BYTES", "MAX_LOAD", "cyclic_load", "worst_ns"]
@@ -22,11 +22,12 @@ MAX_LOAD = 0.8
 def cyclic_load(arm: Arm, ods: Sequence[ObjectDictionary], bus: int = 0) -> float:
     """Return the share of a bus that one cycle takes at worst, 0 to 1 and more.
 
-    Counted are SYNC with counter, all TPDOs of the patches and those of the master, each with the worst
-    bit stuffing.
+    Counted are SYNC with counter, TPDOs of the patches with readings and those of the master, each with the
+    worst bit stuffing.
     """
-    own = [*ods[arm.patches_on(bus)], load_eds("skin-master", MASTER_NODE_ID)]
-    lengths = [1, *(pdo.length for od in own for pdo in tpdos(od) if pdo.valid)]
+    own = [pdo for od in ods[arm.patches_on(bus)] for pdo in tpdos(od) if carries_readings(pdo)]
+    own += [pdo for pdo in tpdos(load_eds("skin-master", MASTER_NODE_ID)) if pdo.valid]
+    lengths = [1, *(pdo.length for pdo in own)]
     return 1e-9 * sum(worst_ns(n, arm.buses[bus]) for n in lengths) * arm.buses[bus].rate_hz
 
 

@@ -125,6 +125,8 @@ BIT_RATES = {
 }
 """Bit rate of each index of the standard table of CiA 305; 5 is reserved. They are those of CiA 301."""
 
+LAST_PDO_ID = 0x6DF
+"""Highest identifier of a PDO: those from here to the heartbeats are restricted (CiA 301, table 33)."""
 COB_ID_INVALID = 1 << 31
 COB_ID_NO_RTR = 1 << 30
 COB_ID_PRODUCER = 1 << 30
@@ -216,6 +218,7 @@ class EmcyCode(IntEnum):
     SYNC_LENGTH = 0x8240
     RPDO_TIMEOUT = 0x8250
     DEVICE_SPECIFIC = 0xFF00
+    NOT_GUARDING = 0xFF01
 
 
 class AbortCode(IntEnum):

@@ -18,8 +18,11 @@ from enum import IntFlag
 from typing import Self
 
 import numpy as np
+from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.arrays import Ints
+from skinbus.objects.pdo import PdoMap, tpdos
+from skinbus.objects.profile import GUARD_STATE, has, index_of
 
 GFC_ID = 0x001
 """Global fail-safe command (EN 50325-5): a frame without data that everybody who can stop obeys."""
@@ -80,3 +83,9 @@ class GuardLimits:
         if not 1 <= n <= m <= MAX_SAMPLES or weights.max() > MAX_WEIGHT:
             raise ValueError(f"{n} of {m} samples, weights up to {weights.max()}")
         return cls(n, m, sum_limit, limits, weights)
+
+
+def liveness_pdo(od: ObjectDictionary) -> PdoMap | None:
+    """Return the TPDO, valid or not, that carries "Guard/State"; None of a board that has none."""
+    state = index_of(od, GUARD_STATE) if has(od, GUARD_STATE) else None
+    return next((pdo for pdo in tpdos(od) if state in [(e.index, e.sub) for e in pdo.entries]), None)

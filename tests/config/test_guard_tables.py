@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from skinbus.config.arm_file import read_arm_file
-from skinbus.config.system import load_arm
+from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import ConfigError
 from skinbus.model.law import DEFAULT_LAW
+from skinbus.objects.guard import liveness_pdo
 
 ARM = """
 [arm]
@@ -165,9 +166,9 @@ def test_limits_that_no_reading_exceeds_are_refused(tmp_path):
     assert load(tmp_path, text).guard
     text = region("high", "pressure_kpa = 126\ntransient_factor = 2\npatches = [2]\nforce_n = 313")
     assert faults(tmp_path, text) == [
-        "guard.region[1].force_n: is 313.0; wanted at most 312.3, what patch upper 2 can state by "
+        "guard.region[1].force_n: is 313.0; wanted at most 312.28, what patch upper 2 can state by "
         "transient_factor = 2",
-        "guard.region[1].pressure_kpa: is 126.0; wanted at most 124.9, what patch upper 2 can state by "
+        "guard.region[1].pressure_kpa: is 126.0; wanted at most 124.91, what patch upper 2 can state by "
         "transient_factor = 2",
     ]
 
@@ -177,3 +178,19 @@ def test_a_region_without_a_healthy_tactel_is_refused(tmp_path):
     # tactel 1 of the board on the table is declared dead
     text += region("dead", 'force_n = 5\nlink = "table"\ns_mm = [30, 40]\na_mm = [40, 46]')
     assert [text.split(":")[0] for text in faults(tmp_path, text)] == ["guard.region[1]", "guard.region[2]"]
+
+
+def test_boards_in_a_region_send_the_state_of_their_guard(tmp_path):
+    arm = load(tmp_path, region("table", 'force_n = 5\nlink = "table"'))
+    assert arm.guarded.tolist() == [False] * 6 + [True]
+    pdos = [liveness_pdo(od) for od in ods_of(arm)]
+    assert [(pdo.valid, pdo.event_timer_ms) for pdo in pdos] == [(False, 0)] * 6 + [(True, 10)]
+
+
+def test_a_board_whose_state_has_no_identifier_is_refused(tmp_path):
+    """The board of 64 tactels has them up to node-ID 47."""
+    board = '[[patch]]\nnode_id = {}\nlink = "tube"\ns_mm = 250\nbus = "upper"\neds = "skin-patch-8x8"\n'
+    assert load(tmp_path, region("all", "force_n = 5\n") + board.format(47)).guarded.all()
+    (fault,) = faults(tmp_path, region("all", "force_n = 5\n") + board.format(48))
+    assert fault == "patch[2].node_id: is 48; wanted at most 47, as the board is guarded"
+    assert not load(tmp_path, region("one", "force_n = 5\npatches = [2]\n") + board.format(48)).guarded.all()

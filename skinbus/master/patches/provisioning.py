@@ -8,6 +8,7 @@ arm file does not name must not stay behind.
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum, StrEnum, auto
 from typing import NamedTuple
@@ -80,12 +81,15 @@ DOWNLOADS = (1, 6)
 """Client command specifiers that begin a download, in segments and in blocks."""
 
 
-def foreign_write(request: bytes) -> str:
-    """Return what an SDO request (8 bytes) writes, if the pipeline depends on that object, else nothing."""
+def foreign_write(request: bytes, others: Container[int] = ()) -> str:
+    """Return what an SDO request (8 bytes) writes, if the pipeline depends on that object, else nothing.
+
+    ``others``: indices of objects on which it does in this arm.
+    """
     if len(request) < HEAD.size or request[0] >> 5 not in DOWNLOADS:
         return ""
     _, index, sub = HEAD.unpack_from(request)
-    return f"0x{index:04X}:{sub:02X}" if is_verified(index) else ""
+    return f"0x{index:04X}:{sub:02X}" if is_verified(index) or index in others else ""
 
 
 LOAD = cia.SIGNATURE_LOAD.to_bytes(4, "little")
@@ -187,14 +191,18 @@ class _EndedError(Exception):
         self.result = Provisioned(outcome, reason)
 
 
-def provision(plan: ExpectedNode, task: Task, *, is_restored: bool = False) -> Script[Provisioned]:
+def provision(
+    plan: ExpectedNode, task: Task, *, is_restored: bool = False, guard: Script[None] | None = None
+) -> Script[Provisioned]:
     """Check one patch and bring it to its configuration.
 
-    ``is_restored``: its defaults have been restored since it was last good.
+    ``is_restored``: its defaults have been restored since it was last good; ``guard`` follows at a boot.
     """
     try:
         done = yield from _provision(plan, task, is_restored=is_restored)
         if task is Task.BOOT and done.outcome.is_good:
+            if guard is not None:
+                yield from guard
             return replace(done, error=(yield from _last_error()))
     except _EndedError as ended:
         return ended.result
@@ -266,6 +274,19 @@ def _check_identity(identity: Identity) -> Script[None]:
             seen = int.from_bytes((yield from _ask(what, index, sub)).data, "little")
             if wanted not in (0, seen):
                 raise _EndedError(Provision.REFUSED, f"{what} is 0x{seen:X}, wanted 0x{wanted:X}")
+
+
+def write_back(what: str, index: int, sub: int, data: bytes) -> Script[None]:
+    """Write a value and read it back; a patch that does not hold it then is refused."""
+    yield from _ask(what, index, sub, data)
+    if (yield from _ask(what, index, sub)).data != data:
+        raise _EndedError(Provision.REFUSED, f"{what}: others are read than were written")
+
+
+def by_itself(script: Script[None]) -> Script[None]:
+    """Run a part of provisioning; that it failed is seen elsewhere."""
+    with suppress(_EndedError):
+        yield from script
 
 
 def _last_error() -> Script[int]:

@@ -15,6 +15,7 @@ from skinbus.can.core import NEVER
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.master.commissioning.sessions import Script, Sessions, Timeouts
+from skinbus.master.guarding import Guarding
 from skinbus.master.patches.provisioning import (
     Answering,
     ExpectedNode,
@@ -22,6 +23,7 @@ from skinbus.master.patches.provisioning import (
     Provisioned,
     Task,
     ask_boards,
+    by_itself,
     foreign_write,
     provision,
 )
@@ -61,8 +63,8 @@ FIRST_ERROR = 0x0100
 
 REFUSALS = {Provision.REFUSED: EventKind.PATCH_REFUSED, Provision.DOUBLED: EventKind.PATCH_DOUBLED}
 
-Ended = Provisioned | Answering
-"""What a session returned: of a boot, or of a question for the boards of a node-ID."""
+Ended = Provisioned | Answering | None
+"""What a session returned: of a boot, of a question for the boards of a node-ID, or of guard limits."""
 
 
 class PatchMonitor:
@@ -176,9 +178,15 @@ class Supervisor(PatchMonitor):
     BEGINS = PatchState.ABSENT
 
     def __init__(
-        self, plans: Sequence[ExpectedNode], table: PatchTable, timeouts: Timeouts | None = None
+        self,
+        plans: Sequence[ExpectedNode],
+        table: PatchTable,
+        timeouts: Timeouts | None = None,
+        guarding: Guarding | None = None,
     ) -> None:
         super().__init__(plans, table)
+        self._guarding = guarding
+        self._others = guarding.indices if guarding else frozenset[int]()
         n = len(plans)
         self._sessions: Sessions[Ended] = Sessions(timeouts)
         self._ready: list[int] = []  # booted, and not started yet
@@ -259,7 +267,7 @@ class Supervisor(PatchMonitor):
                 # Which error is over it does not say (CiA 301, 7.2.7.1): the last code stays until all are.
                 code = code if code >= FIRST_ERROR else EmcyCode.GENERIC * (frame.data[2] > 0)
                 self._error(now_ns, p, code, frame.data[3:])
-            elif base == cia.SDO_CLIENT_BASE and (what := foreign_write(frame.data)):
+            elif base == cia.SDO_CLIENT_BASE and (what := foreign_write(frame.data, self._others)):
                 self._fall(now_ns, p, f"another client writes {what}", RETRY_NS)  # its requests might collide
         self._serve(now_ns)
         if now_ns >= self._due.min():
@@ -274,6 +282,10 @@ class Supervisor(PatchMonitor):
             ready, self._ready = self._ready, []
             for p in ready:
                 self._start_patch(now_ns, p)
+        if self._guarding and not self._sessions and not self._ready:
+            due = self._guarding.due(now_ns)
+            if due is not None:
+                self._ask(now_ns, due, by_itself(self._guarding.write(due)))
         if now_ns >= self._next_watch:
             self._next_watch = now_ns + self._watch_period
             self._watch(now_ns)
@@ -291,6 +303,8 @@ class Supervisor(PatchMonitor):
                 self._conclude(now_ns, p, result)
                 if result.outcome.is_good and p not in has_sent_emcy:  # that would be newer
                     self._error(now_ns, p, result.error)
+            elif result is None:
+                pass
             elif len(result.serials) > 1:
                 self._refuse(now_ns, p, EventKind.PATCH_DOUBLED, str(result))
             elif any(result.serials):
@@ -387,7 +401,9 @@ class Supervisor(PatchMonitor):
         if has_sent_boot_up and not self._has_booted[p]:
             self._has_booted[p] = True
             self._hold_until = now_ns + HOLD_NS
-        self._ask(now_ns, p, provision(self._plans[p], Task.BOOT, is_restored=bool(self._is_restored[p])))
+        guard = self._guarding.write(p) if self._guarding else None
+        is_restored = bool(self._is_restored[p])
+        self._ask(now_ns, p, provision(self._plans[p], Task.BOOT, is_restored=is_restored, guard=guard))
 
     def _ask(self, now_ns: int, p: int, script: Script[Ended]) -> None:
         self._out += self._sessions.begin(now_ns, p, self._plans[p].node_id, script)
