@@ -22,6 +22,7 @@ GROUPS = {
         "run": "Run the master of an arm: patches in, contacts out.",
         "sim": "Simulate the patches of a scene on a CAN bus.",
         "demo": "Run a simulated forearm and show its contacts beside the truth.",
+        "guard": "Stop a robot when its skin is touched too hard; not certified.",
         "gateway": "Make patches of a skin whose frames are not CANopen.",
         "monitor": "Show the contacts that a master publishes on a bus.",
         "view": "Show an arm in 3-D on a web page of this machine.",

@@ -6,12 +6,13 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from types import TracebackType
 from typing import Any, Self
 
 from skinbus.bus.core_thread import CoreThread
 from skinbus.bus.loop import LoopReport
-from skinbus.can.core import Core
+from skinbus.can.core import Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.cli.console import Console
@@ -88,21 +89,25 @@ class Host:
         urgent: bool = False,
         steady: bool = False,
         names: Sequence[str] = (),
+        on_step: Callable[[Step], Any] | None = None,
+        without_numba: bool = False,
     ) -> None:
         """``final_frames`` returns the last frames to send, when the core has been stopped.
 
         ``places`` and, for messages, ``names`` are those of the core's buses.
         Events are shown through ``say``. With ``urgent`` the
         core's thread comes before all others; with that or ``steady`` garbage is collected in pauses only.
+        ``on_step`` is called after each step of the core, in its thread.
         """
         self._say = say
         self._log = EventLog(say, names)
         self._ending = Ending()
         self._thread = CoreThread(
             core,
-            *(place.open for place in places),
+            *(partial(place.open, without_numba=without_numba) for place in places),
             final_frames=final_frames,
             on_event=self._show,
+            on_step=on_step,
             complain=say,
             urgent=urgent,
             steady=steady,

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from functools import reduce, wraps
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -113,3 +115,19 @@ seconds_option = click.option(
 )
 
 zero_option = click.option("--zero", is_flag=True, help="Take the first readings of each patch as its zero.")
+
+
+def function_named(value: str) -> Callable[[], Any]:
+    """Return the function that MODULE:FUNCTION names; modules are looked for here first, as by python -m."""
+    module, _, name = value.partition(":")
+    if not module or not name:
+        raise click.BadParameter(f"{value!r} is no function: wanted MODULE:FUNCTION, such as my_sensor:read")
+    sys.path.insert(0, "")
+    try:
+        found = getattr(import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        raise click.BadParameter(str(error)) from error
+    if not callable(found):
+        raise click.BadParameter(f"{value} is of type {type(found).__name__}; wanted a function")
+    function: Callable[[], Any] = found
+    return function

@@ -1,33 +1,32 @@
 """The guard as a core: it waits until every guarded patch is armed, guards, and stops; stopped is for ever.
 
 A stop is, at whatever time: GFC. While it guards: a patch that is not exactly armed or says nothing for
-``SILENT`` periods of its liveness, a master whose heartbeat is missing for as many of its periods, a bus that
-is lost, a contact beyond the limits of its region, contacts that are missing where they are wanted, and an
-order to end.
+``SILENT`` periods of its liveness, a master whose heartbeat is missing for as many of its periods, a contact
+beyond the limits of its region, contacts that are missing where they are wanted, and an order to end.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
+from canopen.objectdictionary import ObjectDictionary
 
-from skinbus.arrays import Bools, Floats
-from skinbus.can.core import NEVER, Core, Step
+from skinbus.arrays import Floats, Ints
+from skinbus.can.core import Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import EXTENDED, NO_DATA, Frame, Frames
-from skinbus.guard.stops import NodeStop, Writer
+from skinbus.guard.stops import NodeWrite
 from skinbus.model import Arm
 from skinbus.model.guard import GuardSettings
-from skinbus.node.sdo_client import SdoClient
-from skinbus.objects.cia import EMCY_BASE, HEARTBEAT_BASE, NmtState, describe_emcy
-from skinbus.objects.guard import GFC_ID, GuardState
-from skinbus.objects.profile import MASTER_NODE_ID
+from skinbus.objects import cia
+from skinbus.objects.eds import load_eds
+from skinbus.objects.guard import GFC_ID, GuardState, liveness_pdo
+from skinbus.objects.profile import ACKNOWLEDGE, GUARD_ACKNOWLEDGE, MASTER_NODE_ID, index_of, number_at
 
 SILENT = 2.5
 """Periods without a sign of life that are a stop: one frame may be lost, two may not. The half is for the
@@ -39,7 +38,10 @@ CYCLES = 10
 LOOK_NS = 10_000_000
 """What other threads have left is looked at so often: contacts, and the order to end."""
 
-ALIVE = {int(state) for state in NmtState} - {int(NmtState.INITIALISING)}
+SAY_NS = 1_000_000_000
+"""What is waited for is said so often, if it has changed."""
+
+ENDED = "the guard was asked to end"
 
 
 class Phase(Enum):
@@ -50,106 +52,88 @@ class Phase(Enum):
     STOPPED = "stopped"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GuardedPatch:
-    """A patch that is waited for and watched."""
-
-    label: str
-    bus: int
-    node_id: int
-    cob_id: int
-    """Of the TPDO with the state of its guard."""
-
-
-class SeenContacts(NamedTuple):
-    """Contacts of one cycle, (n,) each."""
+class RegionForces(NamedTuple):
+    """The largest force of a contact in each region, in one cycle."""
 
     t_ns: int
     """Of its SYNC, by the clock of this machine."""
-    link: npt.NDArray[np.integer]
-    s: Floats
-    a: Floats
-    force: Floats
+    forces: Sequence[float]
     """N."""
 
 
 @dataclass(slots=True)
-class _Life:
-    """Signs of life of a patch or a master."""
+class _Watched:
+    """Somebody whose signs of life are watched."""
 
     label: str
     allowed_ns: int
-    since: str
-    seen_ns: int | None = None
-    """When it was last as it should be; None when it is not."""
-
-    def fault(self, now_ns: int) -> str:
-        """Why it is not as it should be; nothing when it is."""
-        seen_ns = self.seen_ns  # another thread may ask
-        if seen_ns is None:
-            return f"{self.label}: {self.since}"
-        silent_ns = now_ns - seen_ns
-        return f"{self.label}: silent for {1e-6 * silent_ns:.0f} ms" if silent_ns > self.allowed_ns else ""
+    bus: int = 0
+    node_id: int = 0
+    due_ns: int = -1
+    """The next sign of life must be there by then."""
+    state: str = "silent"
+    acknowledge: NodeWrite | None = None
+    """Takes a trip back, if it had tripped before."""
 
 
 class Guard(Core):
-    """Watches all buses of an arm; ``contacts`` and ``end`` are for another thread."""
+    """Watches all buses of an arm."""
 
     def __init__(
         self,
         arm: Arm,
         settings: GuardSettings,
-        patches: Sequence[GuardedPatch],
-        stops: Sequence[NodeStop],
+        ods: Sequence[ObjectDictionary],
+        stops: Sequence[NodeWrite],
         *,
-        master_period_ns: int,
         needs_contacts: bool = False,
-        acknowledge: tuple[int, int, bytes] | None = None,
+        acknowledges: bool = False,
     ) -> None:
-        """``acknowledge``: index, sub-index and value to write to patches that had tripped before."""
-        self.phase = Phase.WAITING
-        self.reason = ""
-        """Why it has stopped."""
-        self.contacts: SeenContacts | None = None
-        """The newest, as another thread read them; None where there are none to read."""
-        self._arm, self._settings, self._needs_contacts = arm, settings, needs_contacts
-        self._period_ns = round(1e9 / arm.bus.rate_hz)
-        self._writers = [Writer(stop) for stop in stops]
-        self._acknowledge = acknowledge
-        self._clients: dict[GuardedPatch, SdoClient] = {}
-        self._order = ""
-        self._now_ns = 0
+        """``acknowledges``: trips of patches from before are taken back.
+
+        ods: dictionaries of the patches of the arm
+        """
+        self.phase, self.reason = Phase.WAITING, ""
+        self.is_ending = False
+        """Stop if it guards; another thread sets it."""
+        self.contacts: RegionForces | None = None
+        """The newest, None while there are none; another thread sets it."""
+        self._settings, self._stops, self._acknowledges = settings, stops, acknowledges
+        self._now_ns = self._say_ns = 0
+        self._said = ""
         self._events: list[Event] = []
-        self._seen: SeenContacts | None = None
-        self._had_contacts = True
-        self._judged_ns = -1
         self._above_ns: dict[int, int] = {}
-        self._lives: list[_Life] = []
+        self._has_contacts = True
+        self._contacts = _Watched("contacts", round(CYCLES * 1e9 / arm.bus.rate_hz))
+        self._watched = [self._contacts] if needs_contacts else []
         self._handlers: dict[tuple[int, int], Callable[[Frame], None]] = {}
-        allowed_ns = round(SILENT * settings.liveness_ns)
-        for patch in patches:
-            life = _Life(f"patch {patch.label}", allowed_ns, "not armed")
-            self._lives.append(life)
-            self._handlers[patch.bus, patch.cob_id] = partial(self._take_state, patch, life)
-            self._handlers[patch.bus, EMCY_BASE + patch.node_id] = partial(self._take_emcy, patch)
+        heard = [{GFC_ID, *(w.answer_id for w in stops if w.bus == bus)} for bus in range(len(arm.buses))]
+        for p in np.flatnonzero(arm.guarded).tolist():
+            bus, node_id, liveness = arm.patches[p].bus, arm.patches[p].node_id, liveness_pdo(ods[p])
+            patch = _Watched(f"patch {arm.node_label(p)}", round(SILENT * settings.liveness_ns), bus, node_id)
+            word, where = ACKNOWLEDGE.to_bytes(4, "little"), index_of(ods[p], GUARD_ACKNOWLEDGE)
+            patch.acknowledge = NodeWrite.of("acknowledge", bus, node_id, *where, word)
+            self._watched.append(patch)
+            self._handlers[bus, liveness.cob_id if liveness else -1] = partial(self._take_state, patch)
+            self._handlers[bus, cia.EMCY_BASE + node_id] = partial(self._take_emcy, patch)
+            heard[bus].add(patch.acknowledge.answer_id)
+        period_ms = number_at(load_eds("skin-master", MASTER_NODE_ID), cia.HEARTBEAT_PRODUCER)
         for bus, named in enumerate(arm.buses):
-            label = f"master on {named.name}" if named.name else "master"
-            life = _Life(label, round(SILENT * master_period_ns), "no heartbeat")
-            self._lives.append(life)
-            self._handlers[bus, HEARTBEAT_BASE + MASTER_NODE_ID] = partial(self._take_heartbeat, life)
-        answers = [(writer.stop.bus, writer.client.answer_id) for writer in self._writers]
-        answers += [(patch.bus, SdoClient(patch.node_id).answer_id) for patch in patches if acknowledge]
-        heard = {*self._handlers, *answers, *((bus, GFC_ID) for bus in range(self.n_buses))}
-        self._cob_ids = [frozenset(i for k, i in heard if k == bus) for bus in range(self.n_buses)]
+            master = _Watched(f"master {named.name}".strip(), round(SILENT * 1e6 * period_ms), bus)
+            self._watched.append(master)
+            self._handlers[bus, cia.HEARTBEAT_BASE + MASTER_NODE_ID] = partial(self._take_heartbeat, master)
+        for bus, cob_id in self._handlers:
+            heard[bus].add(cob_id)
+        self._cob_ids = [*map(frozenset, heard)]
 
     @property
     def n_buses(self) -> int:
         """Those of the arm."""
-        return len(self._arm.buses)
+        return len(self._cob_ids)
 
     @property
     def cob_ids(self) -> frozenset[int]:
-        """GFC, liveness and EMCY of the patches, heartbeat of the master, answers of the nodes that stop."""
+        """GFC, liveness and EMCY of the patches, heartbeat of the master, answers to what is written."""
         return self._cob_ids[0]
 
     def cob_ids_on(self, bus: int) -> frozenset[int]:
@@ -157,124 +141,96 @@ class Guard(Core):
         return self._cob_ids[bus]
 
     @property
-    def is_confirmed(self) -> bool:
-        """Whether every node has taken the value that stops it."""
-        return all(writer.is_confirmed for writer in self._writers)
-
-    def end(self, reason: str) -> None:
-        """Stop the robot if it is guarded; for another thread."""
-        self._order = reason
-
-    def waits_for(self, now_ns: int) -> list[str]:
-        """What is not as it should be."""
-        faults = [life.fault(now_ns) for life in self._lives]
-        missing = self._needs_contacts and not self._has_contacts(now_ns)
-        return [*filter(None, faults), *["contacts"] * missing]
-
-    def bus_news(self, now_ns: int, event: Event) -> None:
-        """Nothing can be heard on a bus that is lost."""
-        if event.kind is EventKind.BUS_LOST and self.phase is Phase.GUARDING:
-            self._now_ns = now_ns
-            self._stop(f"bus {self._arm.buses[event.bus].name or event.bus} is lost: {event.detail}")
-
-    def last_frames(self, now_ns: int) -> Frames:
-        """Stop the robot, when the process can no longer guard it: what is to be sent at once."""
-        self._now_ns = now_ns
-        if self.phase is Phase.GUARDING:
-            self._stop(self._order or "the guard ended by a fault")
-        return self._write(()) if self.phase is Phase.STOPPED else ()
+    def is_settled(self) -> bool:
+        """Whether there is nothing to be stopped, or every node has confirmed that it is."""
+        return self.phase is Phase.WAITING or (
+            self.phase is Phase.STOPPED and all(write.is_confirmed for write in self._stops)
+        )
 
     def step(self, now_ns: int, frames: Frames) -> Step:
         """Take frames and look whether all is well."""
-        self._now_ns, self._seen = now_ns, self.contacts
-        for frame in frames:  # before anything else that came with it
-            if frame.can_id == GFC_ID and not frame.flags & (EXTENDED | NO_DATA):
-                self._stop("GFC: a patch or another node demands a stop")
+        self._now_ns = now_ns
+        # before anything that came with it, and of any length: nobody else may send with this identifier
+        if any(frame.can_id == GFC_ID and not frame.flags & (EXTENDED | NO_DATA) for frame in frames):
+            self._stop("GFC")
         for frame in frames:
-            handler = self._handlers.get((frame.bus, frame.can_id))
-            if handler and not frame.flags:
-                handler(frame)
-        self._look()
-        out = self._write(frames) if self.phase is Phase.STOPPED else []
-        for patch, client in self._clients.items():
-            own = [frame for frame in frames if frame.bus == patch.bus]
-            out += [frame._replace(bus=patch.bus) for frame in client.step(now_ns, own)]
+            take = self._handlers.get((frame.bus, frame.can_id))
+            if take and not frame.flags:
+                take(frame)
+        self._look(self.contacts)
+        writes = self._stops
+        if self.phase is not Phase.STOPPED:
+            tripped = [who.acknowledge for who in self._watched if who.state.startswith("tripped")]
+            writes = [w for w in tripped if w and self._acknowledges and not w.is_confirmed]
+        out: list[Frame] = []
+        for write in writes:
+            sent, news = write.step(now_ns, frames)
+            out += sent
+            self._events += news
         events, self._events = self._events, []
-        return Step(out, events, min(self._wakes(), default=NEVER))
+        due_ns = [who.due_ns + 1 for who in self._watched if who.due_ns >= now_ns]
+        return Step(out, events, min([now_ns + LOOK_NS, *due_ns, *(write.due_ns for write in writes)]))
 
-    def _wakes(self) -> Iterator[int]:
-        yield self._now_ns + LOOK_NS
-        if self.phase is Phase.STOPPED:
-            yield from (writer.wake_ns for writer in self._writers)
-        else:
-            yield from (
-                life.seen_ns + life.allowed_ns + 1 for life in self._lives if life.seen_ns is not None
-            )
-        yield from (client.wake_ns for client in self._clients.values())
+    def last_frames(self, now_ns: int) -> Frames:
+        """Stop the robot if the process can no longer guard it: what is to be sent at once."""
+        self._now_ns = now_ns
+        if self.phase is Phase.GUARDING:
+            self._stop(ENDED if self.is_ending else "the guard ends by a fault")
+        return self.step(now_ns, ()).frames if self.phase is Phase.STOPPED else ()
 
-    def _take_state(self, patch: GuardedPatch, life: _Life, frame: Frame) -> None:
+    def _take_state(self, patch: _Watched, frame: Frame) -> None:
         """Take the state of the guard of a patch: anything but exactly ARMED is a stop."""
         if len(frame.data) != 2:
             return
         state, tripped_by = frame.data
         if state == GuardState.ARMED:
-            life.seen_ns = min(frame.t_ns, self._now_ns)
+            patch.due_ns, patch.state = min(frame.t_ns, self._now_ns) + patch.allowed_ns, "silent"
             return
-        before = life.since
-        life.seen_ns = None
-        life.since = "not armed"
+        before, patch.due_ns, patch.state = patch.state, -1, "not armed"
         if state & GuardState.TRIPPED:
-            life.since = f"tripped by {f'tactel {tripped_by}' if tripped_by else 'the sum of its tactels'}"
-            if life.since != before:
-                self._report(EventKind.GUARD_TRIPPED, life.since, patch)
-            if self._acknowledge and self.phase is Phase.WAITING and patch not in self._clients:
-                self._clients[patch] = SdoClient(patch.node_id)
-                self._clients[patch].start_write(*self._acknowledge)
+            patch.state = f"tripped by {f'tactel {tripped_by}' if tripped_by else 'the sum of its tactels'}"
+            if patch.state != before:
+                self._report(EventKind.GUARD_TRIPPED, patch.state, patch)
 
-    def _take_emcy(self, patch: GuardedPatch, frame: Frame) -> None:
-        if len(frame.data) == 8 and (code := int.from_bytes(frame.data[:2], "little")):
-            self._report(EventKind.PATCH_EMCY, describe_emcy(code, frame.data[3:]), patch)
+    def _take_emcy(self, patch: _Watched, frame: Frame) -> None:
+        code = int.from_bytes(frame.data[:2], "little")
+        if len(frame.data) == 8 and code:
+            self._report(EventKind.PATCH_EMCY, cia.describe_emcy(code, frame.data[3:]), patch)
 
-    def _take_heartbeat(self, life: _Life, frame: Frame) -> None:
-        if len(frame.data) == 1 and frame.data[0] in ALIVE:
-            life.seen_ns = min(frame.t_ns, self._now_ns)
+    def _take_heartbeat(self, master: _Watched, frame: Frame) -> None:
+        if frame.data in (b"\x04", b"\x05", b"\x7f"):  # a boot-up message is none
+            master.due_ns = min(frame.t_ns, self._now_ns) + master.allowed_ns
 
-    def _look(self) -> None:
+    def _look(self, contacts: RegionForces | None) -> None:
         """Go on to guarding when all is well, and to the stop when something is not."""
-        if (has := self._has_contacts(self._now_ns)) != self._had_contacts:
-            self._had_contacts = has
+        now_ns, seen = self._now_ns, self._contacts
+        seen.due_ns = min(contacts.t_ns, now_ns) + seen.allowed_ns if contacts else -1
+        if (has := now_ns <= seen.due_ns) != self._has_contacts:
+            self._has_contacts = has
             self._report(EventKind.CONTACTS_BACK if has else EventKind.CONTACTS_LOST)
-        if self.phase is Phase.STOPPED:
-            return
-        faults = self.waits_for(self._now_ns)
-        if self.phase is Phase.WAITING and not faults and not self._order:
+        faults = "; ".join(f"{who.label} {who.state}" for who in self._watched if now_ns > who.due_ns)
+        if self.phase is Phase.WAITING and faults != self._said and now_ns >= self._say_ns:
+            self._said, self._say_ns = faults, now_ns + SAY_NS
+            self._report(EventKind.GUARD_WAITS, faults)
+        if self.phase is Phase.WAITING and not faults and not self.is_ending:
             self.phase = Phase.GUARDING
             self._report(EventKind.GUARDING)
         if self.phase is Phase.GUARDING:
-            if faults:
-                self._stop("; ".join(faults))
-            elif self._order:
-                self._stop(self._order)
-            elif self._seen is not None and self._seen.t_ns != self._judged_ns:
-                self._judge(self._seen)
+            if faults or self.is_ending:
+                self._stop(faults or ENDED)
+            elif contacts:
+                self._judge(contacts)
 
-    def _has_contacts(self, now_ns: int) -> bool:
-        seen = self._seen
-        return seen is not None and abs(now_ns - seen.t_ns) <= CYCLES * self._period_ns
-
-    def _judge(self, seen: SeenContacts) -> None:
-        """Compare contacts with the limits of the regions that they are in."""
-        self._judged_ns = seen.t_ns
-        inside = regions_of(self._arm, self._settings, seen)
-        for k, (region, here) in enumerate(zip(self._settings.regions, inside, strict=True)):
-            force = float(np.fmax.reduce(seen.force[here], initial=0.0))
+    def _judge(self, contacts: RegionForces) -> None:
+        """Compare the contacts of a cycle with the limits of their regions."""
+        t_ns = contacts.t_ns
+        for k, (region, force) in enumerate(zip(self._settings.regions, contacts.forces, strict=True)):
             if not force > region.force:
                 self._above_ns.pop(k, None)
                 continue
-            since_ns = self._above_ns.setdefault(k, seen.t_ns)
-            factor, lasts_ns = region.transient_factor, seen.t_ns - since_ns
-            if force > factor * region.force or lasts_ns > self._settings.transient_ns:
-                beyond = f"beyond {region.force:g} N" + (f" for {1e-6 * lasts_ns:.0f} ms" if lasts_ns else "")
+            lasts_ns = t_ns - self._above_ns.setdefault(k, t_ns)
+            if force > region.transient_factor * region.force or lasts_ns > self._settings.transient_ns:
+                beyond = f"beyond {region.force:g} N for {lasts_ns // 1_000_000} ms"
                 self._stop(f"contact of {force:.1f} N in region {region.name}, {beyond}")
 
     def _stop(self, reason: str) -> None:
@@ -282,24 +238,21 @@ class Guard(Core):
             self.phase, self.reason = Phase.STOPPED, reason
             self._report(EventKind.GUARD_STOP, reason)
 
-    def _write(self, frames: Frames) -> list[Frame]:
-        out: list[Frame] = []
-        for writer in self._writers:
-            sent, events = writer.step(self._now_ns, frames)
-            out += sent
-            self._events += events
-        return out
-
-    def _report(self, kind: EventKind, detail: str = "", patch: GuardedPatch | None = None) -> None:
-        node_id, bus = (patch.node_id, patch.bus) if patch else (0, 0)
+    def _report(self, kind: EventKind, detail: str = "", who: _Watched | None = None) -> None:
+        node_id, bus = (who.node_id, who.bus) if who else (0, 0)
         self._events.append(Event(t_ns=self._now_ns, kind=kind, node_id=node_id, detail=detail, bus=bus))
 
 
-def regions_of(arm: Arm, settings: GuardSettings, seen: SeenContacts) -> list[Bools]:
-    """Return which contacts are in which region, (n,) each: where the nearest tactel of the link is."""
-    nearest = np.full(len(seen.link), -1)
-    for link in np.unique(seen.link):
-        here, own = seen.link == link, np.flatnonzero(arm.tactel_link == link)
-        if len(own):
-            nearest[here] = own[arm.distance(own, seen.s[here], seen.a[here]).argmin(-1)]
-    return [(nearest >= 0) & region.tactels[nearest] for region in settings.regions]
+def region_forces(
+    arm: Arm, settings: GuardSettings, link: Ints, s: Floats, a: Floats, force: Floats
+) -> list[float]:
+    """Return the largest force in each region, N, of contacts (n,): each is where its nearest tactel is."""
+    largest = [0.0] * len(settings.regions)
+    for k, newtons in enumerate(force.tolist()):
+        own = np.flatnonzero(arm.tactel_link == link[k])
+        if len(own) and newtons > 0.0:
+            nearest = own[arm.distance(own, s[k], a[k]).argmin()]
+            for r, region in enumerate(settings.regions):
+                if region.tactels[nearest]:
+                    largest[r] = max(largest[r], newtons)
+    return largest

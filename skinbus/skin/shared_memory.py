@@ -91,6 +91,11 @@ def path_of(name: str) -> Path:
     return FOLDER / f"skinbus-{name}"
 
 
+def name_for(file: str) -> str:
+    """Return the usual name for the arm of a file."""
+    return re.sub(r"[^A-Za-z0-9_.-]", "-", Path(file).stem)[:MAX_NAME]
+
+
 def slot_dtype(n_patches: int, n_tactels: int) -> np.dtype[np.void]:
     """Return what a slot of an arm holds; ValueError for numbers that cannot be."""
     head = [("sequence", "<u8"), ("number", "<u8"), ("t_ns", "<i8"), ("latency_ns", "<i8")]

@@ -4,40 +4,48 @@ import numpy as np
 
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
-from skinbus.config.system import load_arm
+from skinbus.config.system import load_arm, ods_of
 from skinbus.guard.stops import parse_stop
-from skinbus.guard.watch import Guard, GuardedPatch, Phase, SeenContacts
+from skinbus.guard.watch import Guard, Phase, RegionForces
 from skinbus.model.guard import GuardRegion, GuardSettings
+from skinbus.objects.guard import liveness_pdo
 
 MS = 1_000_000
 PERIOD = 20 * MS
 """Of liveness."""
-MASTER = 200 * MS
-"""Of the heartbeat of the master."""
-LOST = PERIOD * 5 // 2
-"""A patch may be silent so long."""
-DRIVE = 100
-"""Node-ID of the drive that stops."""
+LOST, MASTER_LOST = 50 * MS, 1250 * MS
+"""So long a patch and a master may be silent."""
 ARMED, TRIPPED, ARMED_AND_TRIPPED, IDLE = 1, 2, 3, 0
 GFC = 0x001
 ARMS = {name: load_arm(name) for name in ("pad", "arm-two-buses")}
+QUICK_STOP = (0x664, bytes.fromhex("2b40600002000000"))
+"""The request that stops the drive, node 100."""
+
+
+def first_patches(arm, **limits):
+    """Guard the first patch of each bus, each patch a region."""
+    regions = [
+        GuardRegion(name=f"region {p}", tactels=arm.tactel_patch == p, source="a test", **limits)
+        for p in arm.bus_start[:-1].tolist()
+    ]
+    arm.guard = GuardSettings(regions=tuple(regions), liveness_ns=PERIOD, transient_ns=100 * MS)
+    return arm
 
 
 class Rig:
-    """A guard of the first patch of each bus, with a drive on the last bus to be stopped."""
+    """A guard, with drives to be stopped on the last bus."""
 
-    def __init__(self, name="pad", regions=(), stop="cia402", more=(), **settings):
-        self.arm = arm = ARMS[name]
+    def __init__(self, name="pad", *, stops=("cia402:100",), **settings):
+        self.arm = first_patches(ARMS[name], force=10.0, transient_factor=2.0)
+        self.where = f"{self.arm.buses[-1].name}/" if len(self.arm.buses) > 1 else ""
+        told = [parse_stop(stop.replace(":", f":{self.where}", 1), self.arm) for stop in stops]
+        ods = ods_of(self.arm)
+        self.guard = Guard(self.arm, self.arm.guard, ods, told, **settings)
         self.patches = [
-            GuardedPatch(
-                label=str(p), bus=bus, node_id=int(arm.node_id[p]), cob_id=0x500 + int(arm.node_id[p])
-            )
-            for bus, p in enumerate(arm.bus_start[:-1].tolist())
+            (bus, int(self.arm.node_id[p]), liveness_pdo(ods[p]).cob_id)
+            for bus, p in enumerate(self.arm.bus_start[:-1].tolist())
         ]
-        where = f"{arm.buses[-1].name}/{DRIVE}" if len(arm.buses) > 1 else f"{DRIVE}"
-        self.stop = parse_stop(f"cia402:{where}" if stop == "cia402" else stop.format(where), arm)
-        asked = GuardSettings(regions=tuple(regions), liveness_ns=PERIOD, transient_ns=100 * MS)
-        self.guard = Guard(arm, asked, self.patches, more or [self.stop], master_period_ns=MASTER, **settings)
+        self.last_bus = len(self.arm.buses) - 1
         self.now_ns = 10**9
         self.sent, self.events = [], []
 
@@ -48,16 +56,18 @@ class Rig:
         assert step.wake_ns > self.now_ns
         self.sent += step.frames
         self.events += step.events
-        return step.frames
+        return [frame[:2] for frame in step.frames]
 
-    def state(self, patch, state, tripped_by=0):
+    def state(self, k, state, tripped_by=0):
         """The frame with the state of the guard of a patch."""
-        return Frame(patch.cob_id, bytes([state, tripped_by]), bus=patch.bus)
+        bus, _, cob_id = self.patches[k]
+        return Frame(cob_id, bytes([state, tripped_by]), bus=bus)
 
-    def well(self):
-        """One sign of life of everybody."""
-        masters = [Frame(0x700 + 127, b"\x05", bus=bus) for bus in range(self.guard.n_buses)]
-        return [*(self.state(patch, ARMED) for patch in self.patches), *masters]
+    def well(self, but=None):
+        """One sign of life of everybody but one."""
+        frames = [self.state(k, ARMED) for k in range(len(self.patches))]
+        frames += [Frame(0x77F, b"\x05", bus=bus) for bus in range(self.guard.n_buses)]
+        return [frame for k, frame in enumerate(frames) if k != but]
 
     def guarding(self):
         """Return this, when it guards."""
@@ -65,38 +75,27 @@ class Rig:
         assert self.guard.phase is Phase.GUARDING
         return self
 
-    def press(self, force, s=None, a=None, link=0, after=20 * MS):
-        """Let the master show one contact, by default on the first tactel."""
+    def press(self, *forces, after=20 * MS):
+        """Let the master show the largest forces in the regions."""
         self.now_ns += after
-        place = [self.arm.tactel_s[0] if s is None else s], [self.arm.tactel_a[0] if a is None else a]
-        columns = np.array([link]), np.array(place[0]), np.array(place[1]), np.array([force])
-        self.guard.contacts = SeenContacts(self.now_ns, *columns)
+        self.guard.contacts = RegionForces(self.now_ns, np.resize(forces, len(self.patches)).tolist())
         return self.step(*self.well())
 
-    def kinds(self):
-        """Kinds of the events so far."""
-        return [event.kind for event in self.events]
+    def answer(self, data="6040600000000000"):
+        """A frame of the drive, by default the one that confirms."""
+        return Frame(0x5E4, bytes.fromhex(data), bus=self.last_bus)
 
-    def answer(self):
-        """The frame by which the drive confirms a write."""
-        index = self.stop.index.to_bytes(2, "little")
-        return Frame(0x580 + DRIVE, b"\x60" + index + bytes([self.stop.sub, 0, 0, 0, 0]), bus=self.stop.bus)
+    def guard_label(self, k):
+        """How a patch is called."""
+        return self.arm.node_label(int(self.arm.bus_start[k]))
 
+    def count(self, kind):
+        """How many events of a kind there were."""
+        return [event.kind for event in self.events].count(kind)
 
-def quick_stop(bus=0):
-    """The request that stops the drive: an expedited download of two bytes to 0x6040."""
-    return (0x600 + DRIVE, bytes.fromhex("2b406000 0200 0000"), bus)
-
-
-def whole(arm, force=10.0, factor=2.0):
-    """A region of all tactels."""
-    tactels = np.ones(arm.n_tactels, np.bool_)
-    return GuardRegion(name="all", tactels=tactels, force=force, transient_factor=factor, source="a test")
-
-
-def is_stop(rig):
-    """Whether the drive has been told to stop, and why is said once."""
-    said = rig.kinds().count(EventKind.GUARD_STOP)
-    told = quick_stop(rig.stop.bus) in [(f.can_id, f.data, f.bus) for f in rig.sent]
-    assert said == told == (rig.guard.phase is Phase.STOPPED)
-    return bool(said)
+    @property
+    def is_stopped(self):
+        """Whether the drive was told to stop, and why is said once."""
+        told = [frame for frame in self.sent if (frame[:2], frame.bus) == (QUICK_STOP, self.last_bus)]
+        assert self.count(EventKind.GUARD_STOP) == bool(told) == (self.guard.phase is Phase.STOPPED)
+        return bool(told)

@@ -28,7 +28,7 @@ from skinbus.errors import AddressError, BusError, ConfigError
 from skinbus.model import BusSettings
 from skinbus.robot.chain import check_robot
 from skinbus.skin.addresses import BusAddress, interface_of
-from skinbus.skin.shared_memory import MAX_NAME
+from skinbus.skin.shared_memory import name_for
 
 UNIT_ARM = "/etc/skinbus/arm.toml"
 """What the unit runs by default."""
@@ -199,8 +199,7 @@ def unit_text(arm: str | None = None) -> str:
         check_robot(load_arm(arm))  # refused here, not at every start
     file = str(find_arm(arm).resolve()) if arm else UNIT_ARM
     program = _word(str(Path(sys.executable).parent / "skinbus"))
-    share = re.sub(r"[^A-Za-z0-9_.-]", "-", Path(file).stem)[:MAX_NAME]
-    run = f"{program} run {_word(file)} --quiet --state %S/skinbus/state --share {share}"
+    run = f"{program} run {_word(file)} --quiet --state %S/skinbus/state --share {name_for(file)}"
     template = resources.files("skinbus.cli").joinpath("skinbus-master.service").read_text()
     return template.replace("@COMMAND@", run).replace("@WARM@", f"{program} doctor warm")
 

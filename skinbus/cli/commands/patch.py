@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections.abc import Callable
-from importlib import import_module
 from typing import Any
 
 import click
@@ -14,7 +12,7 @@ from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
-from skinbus.cli.options import Range, Where, bus_options, seconds_option
+from skinbus.cli.options import Range, Where, bus_options, function_named, seconds_option
 from skinbus.cli.output import echo
 from skinbus.gateway.reader import Reader
 from skinbus.node import Device, PatchHost
@@ -23,29 +21,13 @@ from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import frame_bytes
 
 
-def _function(ctx: click.Context, parameter: click.Parameter, value: str) -> Callable[[], Any]:
-    """Return the function that MODULE:FUNCTION names; modules are looked for here first, as by python -m."""
-    module, _, name = value.partition(":")
-    if not module or not name:
-        raise click.BadParameter(f"{value!r} is no function: wanted MODULE:FUNCTION, such as my_sensor:read")
-    sys.path.insert(0, "")
-    try:
-        found = getattr(import_module(module), name)
-    except (ImportError, AttributeError) as error:
-        raise click.BadParameter(str(error)) from error
-    if not callable(found):
-        raise click.BadParameter(f"{value} is of type {type(found).__name__}; wanted a function")
-    function: Callable[[], Any] = found
-    return function
-
-
 @click.command()
 @click.argument("eds")
 @click.option(
     "--reader",
     "read",
     required=True,
-    callback=_function,
+    callback=lambda ctx, parameter, value: function_named(value),
     help="MODULE:FUNCTION that reads the sensor; the module may be in this folder.",
 )
 @click.option("--node", "node_id", required=True, type=click.IntRange(1, 126), help="Node-ID of the patch.")

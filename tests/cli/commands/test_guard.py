@@ -1,0 +1,116 @@
+"""`skinbus guard` beside a patch and a master that are played by a core."""
+
+import subprocess
+import sys
+
+import pytest
+
+from skinbus.can.core import Core, Step
+from skinbus.can.frame import Frame
+from skinbus.config.arm_file import find_arm
+from tests.cli.invoke import refused
+from tests.guard.rig import ARMED, GFC, MS, QUICK_STOP
+
+GUARD = """
+[guard]
+liveness_ms = 1000
+[[guard.region]]
+name = "pad"
+force_n = 5.0
+source = "a test"
+"""
+CALLED = []
+
+
+class Skin(Core):
+    """An armed patch, its master, and a drive that confirms; GFC comes with the n-th frame of liveness."""
+
+    cob_ids = frozenset({QUICK_STOP[0]})
+
+    def __init__(self, gfc_at=None):
+        self.n, self.gfc_at, self.due_ns, self.told = 0, gfc_at, 0, []
+
+    def step(self, now_ns, frames):
+        self.told += [frame[:2] for frame in frames]
+        out = [Frame(0x5E4, bytes.fromhex("6040600000000000")) for _ in frames]
+        if now_ns >= self.due_ns:
+            self.n, self.due_ns = self.n + 1, now_ns + 20 * MS
+            out += [Frame(0x501, bytes([ARMED, 0])), Frame(0x77F, b"\x05")]
+            out += [Frame(GFC)] * (self.n == self.gfc_at)
+        return Step(out, [], self.due_ns)
+
+
+def stop():
+    """Stop a robot."""
+    CALLED.append("stop")
+
+
+def fail():
+    """Do not."""
+    raise RuntimeError("no robot")
+
+
+@pytest.fixture
+def arm(tmp_path):
+    """The pad with a guard."""
+    path = tmp_path / "guarded-pad.toml"
+    path.write_text(find_arm("pad").read_text() + GUARD)
+    CALLED.clear()
+    return path
+
+
+HERE = "python:tests.cli.commands.test_guard:"
+
+
+def test_every_stop_is_done_and_none_waits_for_another(own_bus, arm, tmp_path):
+    skin, done = Skin(gfc_at=100), tmp_path / "done"
+    stops = ["command:false", "cia402:100", f"{HERE}fail", f"{HERE}stop", f"command:touch '{done}'"]
+    with own_bus.with_cores(skin):
+        words = [word for stop in stops for word in ("--stop", stop)]
+        said = own_bus.run("guard", arm, *words, "--seconds", 6, status=1)
+    lines = said.splitlines()
+    assert lines[0].startswith("This guard is not certified")
+    assert "1 of 1 patch guarded" in lines[1]
+    for wanted in ("guarding", "guard-stop, GFC", "confirmed: node 100, cia402:100", f"done: {HERE}stop"):
+        assert any(wanted in line for line in lines), wanted
+    assert [line.partition(": ")[0] for line in lines if "FAILED" in line] == ["STOP FAILED"] * 2
+    assert CALLED == ["stop"]
+    assert done.exists()
+    assert skin.told[0] == QUICK_STOP
+
+
+def test_its_end_is_a_stop_if_it_guards(own_bus, arm):
+    words = ("guard", arm, "--stop", f"{HERE}stop", "--stop", "cia402:100", "--seconds", 2)
+    assert "guard-waits, patch 1 silent; master silent" in own_bus.run(*words)
+    assert not CALLED
+    skin = Skin()
+    with own_bus.with_cores(skin):
+        assert "guard-stop, the guard was asked to end" in own_bus.run(*words)
+    assert CALLED == ["stop"]
+    assert skin.told[0] == QUICK_STOP
+
+
+def test_what_cannot_stop_or_is_not_guarded_is_refused_before_the_bus(arm):
+    said = {
+        "command:no-such-program": "there is no program 'no-such-program'",
+        "python:no_such_module:f": "No module named 'no_such_module'",
+        f"{HERE}nothing": "no attribute 'nothing'",
+        "cia402:1": "wanted a node-ID, 1 to 127, that no patch has",
+    }
+    for word, why in said.items():
+        assert why in refused("guard", arm, "--stop", word)
+    assert "has no [guard]" in refused("guard", "pad", "--stop", "cia402:100")
+    assert "Missing option '--stop'" in refused("guard", arm)
+
+
+def test_it_runs_without_numba_and_estimator(arm):
+    code = (
+        "import sys; from click.testing import CliRunner; from skinbus.cli import group;"
+        "words = ['--interface', 'virtual', '--stop', 'cia402:100', '--seconds', '0.3', '--contacts', 'x'];"
+        f"print(CliRunner().invoke(group, ['guard', {str(arm)!r}, *words]).output);"
+        "heavy = ('numba', 'llvmlite', 'scipy', 'skinbus.jit', 'skinbus.estimate', 'skinbus.master');"
+        "print([m for m in heavy if m in sys.modules])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "guard-waits, contacts silent" in out
+    assert out.splitlines()[-1] == "[]"
