@@ -37,8 +37,6 @@ MISSED = {
     "test_a_press_that_grows_slowly_is_a_contact_and_stays_one[200.0-1.0]": (
         "in 83 % of the cycles in which it grows; 90 % asked: its zero is a second old"
     ),
-    "tests/skin/test_simulated_covers.py::"
-    "test_a_finger_is_where_it_is_in_the_world_and_a_palm_over_a_seam_is_one_contact": "the palm is two",
     "tests/socketcan/test_gateway.py::"
     "test_a_touch_of_such_a_skin_is_a_contact_on_the_bus[xela-uskin-addresses1-4-4]": (
         "on a slow CPU boards, gateway and master need more than all of it: they send 4800 frames/s"

@@ -10,22 +10,12 @@ from skinbus.sim import load_scene
 from skinbus.sim.sampler import Sampler
 
 
-def frame_of(found, part, raw, unhealthy=(), faults=(), fill=0):
-    """Return identifier and data of the frame of a part, as a board with readings (n_tactels,) sends it.
-
-    ``fill`` are readings of no tactel; ``unhealthy`` are tactels, ``faults`` texts of the format.
-    """
-    table = part.table
+def frame_of(part, raw, kind):
+    """Return identifier and data of the frame of a part, as a board with readings (n_tactels,) sends it."""
     data = bytearray(part.length)
     data[: len(part.data)] = part.data
-    sent = np.where(part.to >= 0, np.array(raw)[part.to], fill).astype(found.type).tobytes()
-    data[table.byte : table.byte + len(sent)] = sent
-    if (where := table.unhealthy) is not None:
-        number = sum(1 << bit for bit, tactel in enumerate(where.bits) if tactel in unhealthy)
-        mask = np.array(number).astype(where.type).tobytes()
-        data[where.byte : where.byte + len(mask)] = mask
-    for fault in table.faults:
-        data[fault.byte] |= (fault.text in faults) << fault.bit
+    sent = np.where(part.to >= 0, np.array(raw)[part.to], 0).astype(kind).tobytes()
+    data[part.table.byte : part.table.byte + len(sent)] = sent
     return part.can_id, bytes(data)
 
 
@@ -72,7 +62,7 @@ class Double(Core):
         found = self.found
         kind = np.iinfo(found.type)
         raw = np.clip(np.rint(found.zero + counts / found.gain), kind.min, kind.max)
-        sent = [Frame(*frame_of(found, part, raw), now_ns) for part in self.parts[address]]
+        sent = [Frame(*frame_of(part, raw, found.type), now_ns) for part in self.parts[address]]
         return self.changes[address](sent) if address in self.changes else sent
 
 

@@ -10,7 +10,6 @@ from skinbus.can.frame import EXTENDED, RTR, Frame
 from skinbus.errors import ArgumentError, ConfigError
 from skinbus.gateway.frame_format import FORMATS, format_names, load_format
 from skinbus.gateway.receiver import Receiver
-from tests.gateway.doubles import frame_of
 
 # format, address, frames of one sample, raw reading of each tactel
 SAMPLES = [
@@ -136,36 +135,6 @@ def test_a_sample_is_never_put_together_from_two_periods():
     sample = receiver.newest(51 * ms)
     assert_array_equal(sample.counts, (240 - 0x22) << 7)
     assert sample.t_ns == [50 * ms]
-
-
-def test_silent_and_doubled_boards_are_not_healthy_within_three_periods():
-    receiver = Receiver(load_format("icub-mtb4"), ["1.0", "1.1"])
-    ms = 1_000_000
-    for t in range(0, 200, 25):  # the second sends twice as often as it should
-        for triangle in (0, 1) if t % 50 == 0 else (1,):
-            receiver.take(frame(f"41{triangle}#40F0F0F0F0F0F0F0", t * ms))
-            receiver.take(frame(f"41{triangle}#C0F0F0F0F0F00000", t * ms))
-        healthy = receiver.newest(t * ms).healthy.reshape(2, 10)
-        assert healthy[0].all()
-        assert healthy[1].all() == (t < 100), t
-    assert "two boards" in receiver.faults[1]
-    assert receiver.newest((150 + 3 * 50) * ms).healthy[:10].all()
-    assert not receiver.newest((151 + 3 * 50) * ms).healthy[:10].any()
-    assert receiver.faults[0] == "no complete readings for 3 periods"
-
-
-@given(st.data())
-def test_what_a_double_sends_is_what_is_read(data):
-    found = load_format(data.draw(st.sampled_from(format_names())))
-    sent = list(found.parts(".".join("7" for _ in found.address)))
-    limit = 1 << 8 * np.dtype(found.type).itemsize
-    raw = np.array(
-        data.draw(st.lists(st.integers(0, limit - 1), min_size=found.n_tactels, max_size=found.n_tactels))
-    )
-    receiver = Receiver(found, [".".join("7" for _ in found.address)])
-    for part in data.draw(st.permutations(sent)):
-        receiver.take(Frame(*frame_of(found, part, raw)))
-    assert_array_equal(receiver.newest(0).counts, found.counts(raw))
 
 
 @given(st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8), st.integers(0, 10**9)), max_size=60))

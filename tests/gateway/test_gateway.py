@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from skinbus.can.event import EventKind
-from skinbus.can.frame import Frame
 from skinbus.can.virtual_buses import VirtualBuses
 from skinbus.config.system import ods_of
 from skinbus.errors import ArgumentError
@@ -139,18 +138,6 @@ def test_boards_that_restart_are_started_again(tmp_path):
     assert rig.boards.running == {"2.0", "2.1", "3.7"}
     cycles, _, _ = rig.run(100)
     assert all(is_right(cycle.contacts) for cycle in cycles)
-
-
-def test_frames_of_strangers_change_nothing(tmp_path):
-    rig = Rig(tmp_path, *MTB4)
-    rng = np.random.default_rng(1)
-    port = rig.wires.wires[1].attach(rig.boards)
-    rig.run(2000)
-    for _ in range(50):
-        frames = [Frame(int(rng.integers(0x500, 0x800)), rng.bytes(8)) for _ in range(5)]
-        rig.wires.wires[1].submit(port, rig.wires.clock.now_ns(), frames)
-        cycles, _, _ = rig.run(20)
-        assert all(is_right(cycle.contacts) for cycle in cycles)
 
 
 def test_the_skin_is_told_to_stop_at_the_end(tmp_path):

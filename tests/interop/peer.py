@@ -17,8 +17,8 @@ import pytest
 
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
-from skinbus.can.virtual_bus import VirtualBus
 from skinbus.objects.eds import find_eds
+from tests.master import commission
 
 NPM = Path(__file__).parent / "npm"
 NEEDED = "install Node.js 18 or newer with npm (apt-get install nodejs npm)"
@@ -104,23 +104,13 @@ class JsPeer(Core):
             self._process.wait()
 
 
-class Bench:
+class Bench(commission.Bench):
     """The peer and our cores on one wire."""
 
     def __init__(self, peer):
-        self.peer = peer
-        self.wire = VirtualBus()
-        self.port = self.wire.attach(peer)
-        self.frames = []
-        self.wire.tap(self.frames.append)
-
-    def attach(self, core):
-        """Put one of ours on the wire."""
-        return self.wire.attach(core)
-
-    def pass_ms(self, ms):
-        """Let bus time pass."""
-        self.wire.run(self.wire.now_ns + round(ms * 1e6))
+        super().__init__(peer)
+        self.peer, self.port = peer, self.ports[0]
+        self.attach = self.wire.attach
 
     def ask(self, name, *, within_ms=10_000, **arguments):
         """Have the peer do something and wait, on the clock of the wire, for its end or PeerError."""

@@ -21,7 +21,11 @@ def write(device, index, sub, data):
     return transfer(device, lambda client: client.start_write(index, sub, data))
 
 
+def read(device, index, sub):
+    """Read an entry; return its bytes."""
+    return transfer(device, lambda client: client.start_read(index, sub)).unwrap()
+
+
 def number(master, index, sub):
     """Read a number of a master."""
-    result = transfer(master.device, lambda client: client.start_read(index, sub))
-    return int.from_bytes(result.unwrap(), "little")
+    return int.from_bytes(read(master.device, index, sub), "little")

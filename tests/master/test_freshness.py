@@ -9,12 +9,19 @@ from tests.master.rig import MS
 
 
 @pytest.mark.parametrize(
-    "periods", [1.3, *(pytest.param(n, marks=pytest.mark.slow) for n in (1.05, 1.99, 2.3, 3.2, 6.5, 10.5))]
+    ("periods", "first_late"),  # all its TPDOs, or the last one: readings of two cycles
+    [
+        (1.3, 1),
+        (1.3, 4),
+        *(pytest.param(n, 1, marks=pytest.mark.slow) for n in (1.05, 1.99, 2.3, 3.2, 6.5, 10.5)),
+    ],
 )
 @pytest.mark.parametrize("from_the_start", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_patch_that_is_always_late_by_more_than_a_period_is_never_fresh_and_named(periods, from_the_start):
+def test_patch_that_is_always_late_by_more_than_a_period_is_never_fresh_and_named(
+    periods, from_the_start, first_late
+):
     rig = MisbehavingRig("pad") if from_the_start else booted("pad")
-    rig.patches.delay = lambda node_id, tpdo: periods * rig.period_ns
+    rig.patches.delay = lambda node_id, tpdo: periods * rig.period_ns * (tpdo >= first_late)
     rig.run(300)  # while it begins, it owes answers that never were late
     if not from_the_start:
         assert EventKind.READINGS_LOST in rig.kinds()

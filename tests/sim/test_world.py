@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from skinbus.can.core import NEVER
 from skinbus.can.frame import FrameBatch
-from skinbus.can.virtual_bus import VirtualBus
 from skinbus.config.system import ods_of
 from skinbus.objects.readings import ReadingsPlan
 from skinbus.sim import load_scene
@@ -27,19 +25,6 @@ def played(scene, n_cycles, *, delay_ns=0):
 def forearm():
     scene = load_scene("forearm")
     return scene, played(scene, 250)
-
-
-def test_every_patch_boots_in_its_own_time(forearm):
-    scene, _ = forearm
-    wire, frames = VirtualBus(scene.arm.bus.bitrate), []
-    wire.tap(frames.append)
-    wire.attach(World(scene))
-    wire.run(BOOT_NS)
-    boots = [f for f in frames if f.data == b"\x00"]
-    assert sorted(f.can_id - 0x700 for f in boots) == sorted(scene.arm.node_id.tolist())
-    times = np.sort([f.t_ns for f in boots])
-    assert times[0] > 4 * MS
-    assert times[-1] - times[0] > 20 * MS
 
 
 def test_counts_on_the_bus_are_the_pressures_of_the_scene_in_every_cycle(forearm):
@@ -65,14 +50,3 @@ def test_same_seed_gives_the_same_bytes_and_scene_time_follows_the_sync(forearm)
     for on_time, delayed in zip(cycles, late, strict=False):
         data = [[f.data for f in frames if 0x180 < f.can_id < 0x500] for frames in (on_time, delayed)]
         assert data[0] == data[1]
-
-
-def test_world_asks_to_be_woken_for_nothing_but_boot_and_heartbeat():
-    world = World(load_scene("pad"))
-    step = world.step(0)
-    assert not step.frames
-    assert 0 < step.wake_ns < 60 * MS
-    boot = world.step(step.wake_ns)
-    assert [f.can_id for f in boot.frames] == [0x701]
-    beat = world.devices[0].get(0x1017) * MS
-    assert boot.wake_ns == (step.wake_ns + beat if beat else NEVER)

@@ -11,7 +11,7 @@ import numpy as np
 from skinbus.config.system import load_arm
 from skinbus.skin.contact import CONTACT
 from skinbus.skin.cycle import PATCH, Readings, SkinLayout
-from skinbus.skin.shared_memory import SharedReader, SharedWriter, path_of
+from skinbus.skin.shared_memory import SharedWriter, path_of
 from tests.skin.scripted import made_cycle
 
 LAYOUT = SkinLayout.of(load_arm("forearm"))
@@ -57,26 +57,6 @@ def write(name, pause_s=0.0):
         number += 1
         writer.write(uniform(number))
         time.sleep(pause_s)
-
-
-def read(name, n):
-    """Read snapshots as fast as possible; return how many were read, torn, tried in vain, and distinct."""
-    reader = SharedReader(name)
-    n_torn = n_missed = n_distinct = last = 0
-    for _ in range(n):
-        number = reader.newest
-        data = reader.read(number)
-        if data is None:
-            n_missed += 1
-            continue
-        if number != last:
-            last, n_distinct = number, n_distinct + 1
-        records = data["contacts"][: data["n_contacts"]]
-        whole = data["number"] == data["latency_ns"] == number and len(records) == number % 65
-        whole &= bool((data["patches"]["last_fresh_ns"] == number).all())
-        whole &= bool((records["identity"] == number).all())
-        n_torn += not whole
-    return n - n_missed, n_torn, n_missed, n_distinct
 
 
 CRAFTED = [(at, value) for at in (32, 36, 40, 44, 48, 52, 56, 60) for value in (0, 1 << 31, (1 << 32) - 1)]

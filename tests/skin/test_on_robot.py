@@ -61,21 +61,17 @@ def test_a_contact_is_in_every_frame_where_the_moving_arm_has_it(scene):
         assert_allclose(cycle.joint_positions, q, atol=1e-9)
         R, p = turn(*q)
         in_plate = np.array([contact.s, contact.a, 0.0])
-        assert_allclose(contact.point, in_plate)
-        assert_allclose(contact.point("surface"), in_plate)
-        assert_allclose(contact.point("link"), in_plate)
+        for frame in ("surface", "link"):
+            assert_allclose(contact.point(frame), in_plate)
         assert_allclose(contact.point("base"), R @ in_plate + p, atol=1e-9)
         assert_allclose(contact.normal("base"), R[:, 2], atol=1e-9)
         force = -contact.force * R[:, 2]
         assert_allclose(contact.force_vector(), force, atol=1e-9)
-        assert_allclose(cycle.joint_torques, contact.jacobian[:3].T @ force, atol=1e-9)
-        assert_allclose(cycle.robot.base_wrench, [*force, *np.cross(R @ in_plate + p, force)], atol=1e-9)
         assert_allclose(contact.force_vector("link"), [0, 0, -contact.force], atol=1e-9)
+        assert_allclose(cycle.joint_torques, contact.jacobian[:3].T @ force, atol=1e-9)
         # even motion: the covariance is that of the contact, turned
-        flat = np.zeros((3, 3))
-        flat[:2, :2] = contact.covariance[:2, :2]
-        assert_allclose(contact.point_covariance("link"), flat, rtol=1e-6, atol=1e-15)
-        assert_allclose(contact.point_covariance("base"), R @ flat @ R.T, rtol=1e-4, atol=1e-12)
+        flat = R[:, :2] @ contact.covariance[:2, :2] @ R[:, :2].T
+        assert_allclose(contact.point_covariance("base"), flat, rtol=1e-4, atol=1e-12)
 
 
 @pytest.mark.slow

@@ -12,9 +12,9 @@ import pytest
 import skinbus
 from skinbus.errors import ArgumentError, ShareError
 from skinbus.skin.shared_memory import SLOTS, SharedReader, SharedWriter, path_of
-from tests.skin.shared_processes import CRAFTED, LAYOUT, crafted_memory, read, uniform
+from tests.skin.shared_processes import CRAFTED, LAYOUT, crafted_memory, is_whole, uniform
 
-N_SNAPSHOTS = 20_000
+N_SNAPSHOTS = 10_000
 
 
 @pytest.fixture
@@ -38,20 +38,17 @@ def process(name):
 
 @pytest.mark.slow
 def test_no_snapshot_is_torn_and_a_killed_writer_leaves_the_last_whole_one(name, process):
-    reader = SharedReader(name)
-    n_read = n_torn = n_distinct = 0
-    while n_distinct <= 100:  # until both processes have run beside each other
-        more, torn, _, distinct = read(name, N_SNAPSHOTS)
-        n_read, n_torn, n_distinct = n_read + more, n_torn + torn, n_distinct + distinct
-    assert n_read > N_SNAPSHOTS // 2
-    assert n_torn == 0
-    assert reader.is_alive
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    assert not reader.is_alive
-    assert not reader.is_stopped
-    assert reader.read(reader.newest) is not None
-    assert read(name, 10)[:3] == (10, 0, 0)
+    with skinbus.attach(name) as skin:
+        numbers = []
+        while len(numbers) < N_SNAPSHOTS or len(set(numbers)) <= 100:  # both have run beside each other
+            cycle = skin.latest()
+            assert is_whole(cycle) or not cycle.number
+            numbers.append(cycle.number)
+        assert skin.is_running
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert not skin.is_running
+        assert is_whole(skin.latest())
     with closing(SharedWriter(name, LAYOUT)) as writer:  # the name of a dead writer is free
         writer.write(uniform(1))
         assert SharedReader(name).newest == 1

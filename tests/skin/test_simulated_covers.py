@@ -39,15 +39,12 @@ def cycles(tmp_path_factory):
         return scene, [(t_s, cycle) for t_s, cycle in every if t_s > STEADY_S[0]]
 
 
-@pytest.mark.slow
-def test_a_finger_is_where_it_is_in_the_world_and_a_palm_over_a_seam_is_one_contact(cycles):
+def test_a_finger_is_where_it_is_in_the_world(cycles):
     scene, steady = cycles
     names = [link.name for link in scene.arm.links]
     frames, off, force = RobotFrames(scene.arm), [], []
     for t_s, cycle in steady:
         assert cycle.robot_valid
-        found = sorted(contact.link for contact in cycle.contacts)
-        assert found == ["forearm, near, upper", "upper arm, near, upper"]
         (finger,) = (contact for contact in cycle.contacts if contact.link.startswith("forearm"))
         (truth,) = (touch for touch in cycle.truth if touch.link == finger.link)
         X = frames.poses(scene.motion.positions(t_s))[1][names.index(finger.link)]

@@ -3,6 +3,7 @@
 import struct
 import threading
 import time
+from functools import partial
 
 from skinbus.bus.loop import Loop
 from skinbus.bus.socketcan import SocketCanBus
@@ -40,11 +41,11 @@ FORCE = struct.Struct("<6xH")
 class Skin:
     """A master and its patches on interfaces of this kernel; used with ``with``."""
 
-    def __init__(self, tmp_path, channel, sim_channel=None, arm="pad", link="plate"):
+    def __init__(self, tmp_path, *channels, sim_channel=None, arm="pad"):
         scene_file = tmp_path / "press.toml"
-        scene_file.write_text(PRESS.format(arm=arm, link=link))
+        scene_file.write_text(PRESS.format(arm=arm, link="plate"))
         scene = load_scene(scene_file)
-        self.channel = channel
+        self.channel = channels[0]
         self.events = []
         self.reports = []
         self.freeze = threading.Event()
@@ -53,8 +54,10 @@ class Skin:
         self.master = Master(scene.arm, on_cycle=self._cycle)
         self._stop = threading.Event()
         self._threads = [
-            threading.Thread(target=self._run, args=(self.world, sim_channel or channel, None, None)),
-            threading.Thread(target=self._run, args=(self.master, channel, self.events.append, self._step)),
+            threading.Thread(
+                target=self._run, args=(self.world, [sim_channel] if sim_channel else channels, None, None)
+            ),
+            threading.Thread(target=self._run, args=(self.master, channels, self.events.append, self._step)),
         ]
         self.errors = []
         self.n_reports = 0
@@ -105,9 +108,9 @@ class Skin:
                 time.sleep(0.01)
             self.frozen.clear()
 
-    def _run(self, core, channel, on_event, on_step):
+    def _run(self, core, channels, on_event, on_step):
+        opens = [partial(SocketCanBus, channel) for channel in channels]
         try:
-            opens = [lambda: SocketCanBus(channel)]
             Loop(core, opens, stop=self._stop, on_event=on_event, on_step=on_step).run()
         except BaseException as error:
             self.errors.append(error)

@@ -1,13 +1,13 @@
 """`skinbus calibrate`: presses in a CSV file become a DCF that an arm file takes."""
 
-import csv
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from skinbus.cli import press_csv
 from skinbus.config.system import load_arm
-from skinbus.estimate.calibration.table import kind_of
+from skinbus.estimate.calibration.table import Press, kind_of
 from skinbus.model import Arm, Radial
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
@@ -31,7 +31,6 @@ node_id = 4
 link = "plate"
 s_mm = 76.0
 """
-READINGS = [f"{letter}{k + 1}" for letter in "pn" for k in range(16)]
 NOISE = 50.0
 LAW = Radial(400e-6, 13000.0 * np.exp(-((np.arange(64) / 20.0) ** 2)), 0.9)
 
@@ -43,23 +42,19 @@ def arm_file(tmp_path):
     return path
 
 
-def write_presses(path, arm, *, zero=0, n):
-    """Write what both patches read under presses; return the gains put in."""
-    rng = np.random.default_rng(8)
+def write_presses(path, arm, n, zero=0):
+    """Write what both patches read; with a zero the first ten presses are none. Return the gains put in."""
+    rng, step, presses = np.random.default_rng(8), arm.patches[0].patch.transducer.step, []
     gain = 1.0 + 0.03 * rng.standard_normal(arm.n_tactels)
-    step = arm.patches[0].patch.transducer.step
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["t", "node_id", "s_mm", "a_mm", "force_n", *READINGS])
-        for k in range(n):
-            s, a = rng.uniform(0.0, 0.101), rng.uniform(-0.03, 0.03)
-            newton = 0.0 if zero and k < 10 else rng.uniform(2.0, 10.0)
-            d = arm.distance(slice(None), s, a)
-            p = LAW.pressure(d, newton) / gain if newton else np.zeros(arm.n_tactels)
-            counts = np.rint((p + NOISE * rng.standard_normal(arm.n_tactels)) / step) + zero
-            for patch in range(2):
-                row = (step * counts[arm.tactels_of(patch)]).tolist()
-                writer.writerow([0.1 * k, 3 + patch, 1e3 * s, 1e3 * a, f"{newton:.4f}", *row, *[NOISE] * 16])
+    for k in range(n):
+        s, a = rng.uniform(0.0, 0.101), rng.uniform(-0.03, 0.03)
+        newton = 0.0 if zero and k < 10 else rng.uniform(2.0, 10.0)
+        p = LAW.pressure(arm.distance(slice(None), s, a), max(newton, 1e-9)) / gain * (newton > 0.0)
+        counts = np.rint((p + NOISE * rng.standard_normal(arm.n_tactels)) / step) + zero
+        for patch in range(2):
+            readings = step * counts[arm.tactels_of(patch)]
+            presses.append(Press(patch, s, a, newton, readings, noise=np.full(16, NOISE)))
+    press_csv.write_presses(path, arm, presses)
     return gain
 
 

@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 
 import canopen
-import numpy as np
 import pytest
 
 from skinbus import attach
@@ -160,30 +159,21 @@ KEPT_S = 25.0
 
 
 def held(share):
-    """Wait until a master shows two fingers for a quarter of a second; their ids, mean forces and sd (N)."""
-    end, rows, ids = time.monotonic() + PATIENCE_S, [], ()
-    while len(rows) < 25:
-        assert time.monotonic() < end, "no contacts"
+    """Wait until a master shows two fingers; return their identities."""
+    end = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end:
         with (
             contextlib.suppress(ShareError),
             attach(share) as skin,
         ):  # not there yet, or that of the one before
             for cycle in skin:
-                contacts = sorted(cycle.contacts, key=lambda contact: contact.id)
-                if len(contacts) == 2 and len(rows) < 25:
-                    ids = [contact.id for contact in contacts]
-                    # a contact without a covariance has the sd of a touch threshold
-                    sds = [
-                        0.5 if c.covariance is None else float(c.covariance[2, 2]) ** 0.5 for c in contacts
-                    ]
-                    rows.append([[contact.force for contact in contacts], sds])
-                elif len(rows) == 25:
-                    break
-    return ids, *np.mean(rows, axis=0)  # forces, sds
+                if len(cycle.contacts) == 2:
+                    return sorted(contact.id for contact in cycle.contacts)
+    raise AssertionError("no contacts")
 
 
-@pytest.mark.slow  # three starts; tests/master/test_memory.py has the same on the virtual clock
-def test_a_master_that_is_killed_in_a_press_and_while_it_starts_finds_contacts_and_forces_again(
+@pytest.mark.slow  # three starts; that forces are the same is in tests/master/test_memory.py
+def test_a_master_that_is_killed_in_a_press_and_while_it_starts_finds_its_contacts_again(
     skinbus, group, tmp_path
 ):
     bus, share, rng = ("--interface", "udp_multicast", "--channel", group), f"kills-{group}", random.Random(7)
@@ -194,24 +184,19 @@ def test_a_master_that_is_killed_in_a_press_and_while_it_starts_finds_contacts_a
     def start():
         return skinbus("run", "pad", *bus, "--quiet", "--state", str(state.path), "--share", share)
 
+    def kept():
+        return sorted(contact["id"] for contact in (state.load() or {"contacts": ()})["contacts"])
+
     run = start()
-    first = [held(share)]
-
-    def are_kept():  # on a busy machine contacts may be lost before that
-        first[0] = held(share)
-        return sorted(c["id"] for c in (state.load() or {"contacts": ()})["contacts"]) == first[0][0]
-
-    wait_until(are_kept)
+    wait_until(lambda: kept() == held(share))  # on a busy machine contacts may be lost before that
+    before = kept()
     for longest_s in (1.0, 3.0):
         time.sleep(rng.uniform(0.0, longest_s))  # when does not matter
         run.kill()
         run.wait()
         saved_s, run = state.load()["saved"], start()
-    again = held(share)
-    is_late = time.time() - saved_s > KEPT_S
+    again, is_late = held(share), time.time() - saved_s > KEPT_S
     run.terminate()
     if is_late or "readings-lost" in "".join(run.communicate(timeout=PATIENCE_S)):
         pytest.skip("a machine so busy that contacts were lost, or no longer taken up")
-    (ids, force, sd), now = again, first[0]
-    assert ids == now[0]
-    assert (np.abs(force - now[1]) <= 3.0 * np.maximum(sd, now[2])).all()
+    assert again == before

@@ -22,11 +22,16 @@ def address(serial, product=PRODUCT):
     return Address(VENDOR, product, REVISION, serial)
 
 
+def assigned(*devices, **settings):
+    """Let node-IDs be assigned; return the core that did."""
+    core = Assigner(**settings)
+    Bench(*devices).run(core)
+    return core
+
+
 def test_fastscan_gives_node_ids_in_order_of_identity():
     devices = {serial: patch(UNCONFIGURED, serial=serial) for serial in SERIALS}
-    core = Assigner(free=range(10, 20))
-    bench = Bench(*devices.values())
-    bench.run(core)
+    core = assigned(*devices.values(), free=range(10, 20))
     assert [r.outcome for r in core.results] == [Assigned.ASSIGNED] * 5
     assert {serial: device.node_id for serial, device in devices.items()} == dict(
         zip(sorted(SERIALS), range(10, 15), strict=True)
@@ -37,16 +42,14 @@ def test_fastscan_gives_node_ids_in_order_of_identity():
 
 def test_node_ids_in_use_are_left_out():
     devices = [patch(UNCONFIGURED, serial=1), patch(UNCONFIGURED, serial=2)]
-    core = Assigner(free=range(1, 127))
-    Bench(patch(1), patch(3), *devices).run(core)
+    assigned(patch(1), patch(3), *devices, free=range(1, 127))
     assert [device.node_id for device in devices] == [2, 4]
 
 
 def test_known_serial_numbers_get_their_node_ids_whatever_they_have():
     devices = [patch(UNCONFIGURED, serial=11), patch(5, serial=12), patch(7, serial=13)]
     known = [Known(address(11), 1), Known(address(12), 2), Known(address(13), 7)]
-    core = Assigner(known=known)
-    Bench(*devices).run(core)
+    core = assigned(*devices, known=known)
     assert [device.node_id for device in devices] == [1, 2, 7]
     outcomes = {r.address.serial: (r.outcome, r.old) for r in core.results}
     assert outcomes == {
@@ -58,8 +61,7 @@ def test_known_serial_numbers_get_their_node_ids_whatever_they_have():
 
 def test_two_nodes_swap_their_node_ids():
     devices = [patch(1, serial=11), patch(2, serial=12)]
-    core = Assigner(known=[Known(address(11), 2), Known(address(12), 1)])
-    Bench(*devices).run(core)
+    core = assigned(*devices, known=[Known(address(11), 2), Known(address(12), 1)])
     assert [device.node_id for device in devices] == [2, 1]
     assert [r.outcome for r in core.results] == [Assigned.ASSIGNED] * 2
 
@@ -127,8 +129,7 @@ def test_node_that_was_left_operational_is_reached():
 
 def test_node_id_of_a_stranger_is_not_given_again():
     device, stranger = patch(UNCONFIGURED, serial=11), patch(2, serial=99)
-    core = Assigner(known=[Known(address(11), 2)])
-    Bench(device, stranger).run(core)
+    core = assigned(device, stranger, known=[Known(address(11), 2)])
     (result,) = core.results
     assert result.outcome is Assigned.REFUSED
     assert "taken" in result.reason
@@ -188,16 +189,14 @@ def test_node_whose_answer_to_its_node_id_is_lost_has_what_it_had_when_it_was_sw
 
 def test_more_nodes_than_node_ids_is_said():
     devices = [patch(UNCONFIGURED, serial=serial) for serial in (1, 2)]
-    core = Assigner(free=[1])
-    Bench(*devices).run(core)
+    core = assigned(*devices, free=[1])
     assert core.is_over_full
     assert sorted(device.node_id for device in devices) == [1, UNCONFIGURED]
 
 
 def test_node_that_cannot_store_has_its_node_id_until_it_is_switched_off():
     device = Device(load_eds("skin-patch", 1, serial=3), UNCONFIGURED)
-    core = Assigner(free=[8])
-    Bench(device).run(core)
+    core = assigned(device, free=[8])
     (result,) = core.results
     assert (result.outcome, device.node_id) == (Assigned.NOT_STORED, 8)
     assert "cannot store" in result.reason
@@ -229,7 +228,6 @@ class Parrot(Core):
 
 
 def test_slave_that_never_stops_answering_does_not_hold_the_master():
-    core = Assigner(free=range(1, 127))
-    Bench(Parrot()).run(core)
+    core = assigned(Parrot(), free=range(1, 127))
     assert [r.outcome for r in core.results] == [Assigned.NOT_SEEN, Assigned.REFUSED]
     assert "though it has" in core.results[1].reason

@@ -82,45 +82,8 @@ def is_tpdo(frame):
     return frame.can_id in (0x185, 0x285, 0x385, 0x485)
 
 
-def lose(test):
-    return lambda frame: None if test(frame) else frame
-
-
 def is_boot_up(frame):
     return frame.can_id == 0x705 and frame.data == b"\0"
-
-
-def is_abort(frame):
-    return frame.can_id == 0x585 and frame.data[:1] == b"\x80"
-
-
-def beats_late():
-    """Every second heartbeat comes 40 ms late."""
-    n = 0
-
-    def fault(frame):
-        nonlocal n
-        if frame.can_id != 0x705 or is_boot_up(frame):
-            return frame
-        n += 1
-        return frame._replace(t_ns=frame.t_ns + 40 * NS_PER_MS * (n % 2))
-
-    return fault
-
-
-BROKEN = {
-    "heartbeat off its period": (beats_late(), {"heartbeat", "guarding"}),
-    "no LSS": (lose(lambda f: f.can_id == 0x7E4), {"LSS"}),
-    "wrong abort codes": (
-        lambda f: f._replace(data=f.data[:4] + b"\0\0\0\x08") if is_abort(f) else f,
-        {"SDO aborts", "SDO segments"},
-    ),
-}
-
-
-@pytest.mark.parametrize(("fault", "rules"), BROKEN.values(), ids=BROKEN)
-def test_broken_board_fails_its_rules_and_no_other(fault, rules):
-    assert fails(check(Board(device(), fault))) == rules
 
 
 def test_another_board_is_not_the_one_of_the_eds():
@@ -142,11 +105,6 @@ def test_readings_off_their_zero_or_not_adjusted_are_found(tmp_path):
     assert findings["left-adjusted"].detail.startswith("reading 4 is")
 
 
-def test_without_storage_that_rule_fails():
-    findings = check(Device(load_eds("skin-patch", NODE), NODE))
-    assert fails(findings) == {"storage", "areas of storage"}
-
-
 def test_nobody_there_fails_and_ends():
     findings = check(Board(device(), lambda frame: None))
     assert fails(findings) >= {"boot-up", "identity", "heartbeat", "readings", "EMCY", "LSS", "storage"}
@@ -155,9 +113,9 @@ def test_nobody_there_fails_and_ends():
 class Sensing(Board):
     """A board with noise and zeros of its own; after ``press`` a finger is on it."""
 
-    def __init__(self, fault=None, seed=5, every=1):
+    def __init__(self, fault=None):
         super().__init__(device(), fault)
-        self.rng, self.pressure, self.every, self.n = np.random.default_rng(seed), np.zeros(16), every, 0
+        self.rng, self.pressure = np.random.default_rng(5), np.zeros(16)
         self.zero = self.rng.integers(-60, 60, 16)
 
     def press(self, text):
@@ -165,10 +123,7 @@ class Sensing(Board):
         self.pressure = 9000.0 * np.exp(-0.5 * (np.arange(16) - 6.0) ** 2 / 4.0)
 
     def step(self, now_ns, frames):
-        n_syncs = sum(frame.can_id == 0x080 for frame in frames)
-        self.n += n_syncs
-        is_read = self.every == 1 and any(frame.can_id == 0x605 for frame in frames)
-        if is_read or (n_syncs and self.n % self.every == 0):
+        if any(frame.can_id in (0x080, 0x605) for frame in frames):
             self.device.step(now_ns)
             counts = (self.zero + self.pressure + self.rng.normal(0.0, 8.0, 16)).astype(np.int16)
             self.device.image_view(0x6401, 1, 16)[:] = counts
@@ -207,27 +162,12 @@ def is_beat(frame):
     return frame.can_id == 0x705 and not is_boot_up(frame)
 
 
-def old():
-    """Each TPDO carries the sample of the SYNC before."""
-    last = {}
-
-    def fault(frame):
-        if not is_tpdo(frame):
-            return frame
-        data, last[frame.can_id] = last.get(frame.can_id, frame.data), frame.data
-        return frame._replace(data=data)
-
-    return fault
-
-
 drop = lambda frame: None  # noqa: E731
 # what real firmware does wrong is in tests/firmware/mutants.txt
 DEFECTS = {
-    "shifted to the right": (lambda: Sensing(counts_of(lambda c: c >> 1)), "pressed"),
     "shifted to the left": (lambda: Sensing(counts_of(lambda c: c << 1)), "pressed"),
     "sign inverted": (lambda: Sensing(counts_of(lambda c: -c)), "pressed"),
     "a TPDO dies after 700 SYNCs": (lambda: Sensing(nth(is_last, lambda k: k >= 700, drop)), "readings"),
-    "a TPDO dies at counter overflow": (lambda: Sensing(nth(is_last, lambda k: k >= 1240, drop)), "readings"),
     "one SYNC in 300 missed": (lambda: Sensing(nth(is_tpdo, lambda k: k % 1200 < 4 <= k, drop)), "readings"),
     "TPDOs out of order at times": (
         lambda: Sensing(
@@ -244,9 +184,6 @@ DEFECTS = {
         lambda: Sensing(nth(is_last, lambda k: k == 900, lambda f: f._replace(data=bytes(6)))),
         "readings",
     ),
-    "a sample for every sixth SYNC": (lambda: Sensing(every=6), "new samples"),
-    # by what it answers to another mapping; of readings alone nobody could tell
-    "samples one cycle old": (lambda: Sensing(old()), "mapping"),
 }
 
 
@@ -255,7 +192,7 @@ DEFECTS = {
 def test_planted_defect_is_named(make, rule):
     board = make()
     found = fails(check(board, n_syncs=2000, ask=board.press))
-    assert (rule in found) if rule else not found, found
+    assert rule in found, found
 
 
 def test_a_board_that_senses_passes():

@@ -153,27 +153,6 @@ assert loaded() == ["readings"], loaded()
     assert done.returncode == 0, done.stderr
 
 
-def test_scene_without_effects_calls_nothing_of_any_effect(simulate, plain):
-    """Calls made during samples are traced: none goes to an effect, and a quiet sample does no layer work."""
-    sampler = plain.world.sampler
-    called = []
-
-    def trace(frame, event, arg):
-        if event == "call":
-            called.append(frame.f_code.co_filename)
-
-    sys.setprofile(trace)
-    try:
-        sampler.sample(0.5)
-        sampler.sample(2e3)  # after the last touch
-        quiet = sampler.sample(2e3 + 1)
-    finally:
-        sys.setprofile(None)
-    assert not quiet
-    assert called
-    assert not [path for path in called if "/effects/" in path]
-
-
 def test_order_of_naming_says_nothing_and_all_together_send_can_frames(simulate):
     """Finite readings and frames that are CAN frames."""
     runs = [simulate([strong(name) for name in names], n_syncs=8) for names in (ORDER, ORDER[::-1])]

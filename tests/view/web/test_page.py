@@ -37,7 +37,6 @@ from_s = 0.7
 """A finger that stays on the side of the arm that the camera sees, and a lost board in its view; at 10 Hz:
 drawing without a graphics card leaves little time to simulate."""
 
-TOUCHED = 0.076, -np.radians(43.0) * 0.0649352
 PRESSED_BOARD, QUIET_BOARD, LOST_BOARD = 15, 14, 7
 
 PICTURE_S = 1.0
@@ -97,12 +96,7 @@ def test_browser_shows_pressures_contact_and_lost_board_where_they_are(shown, ta
     eventually(lambda: page.drawing and len(page.drawing.labels) == 1 and len(page.drawing.boards.points))
     tab.page.get_by_text("live").wait_for(state="attached")
     (label,) = page.drawing.labels
-    ((tail, head),) = page.drawing.forces.points
-    point, _ = arm.links[0].surface.position(TOUCHED[0], TOUCHED[1])
-    assert np.linalg.norm(head - point) < 0.004
-    assert np.linalg.norm(tail - head) == pytest.approx(0.036, rel=0.1)
     assert label.text == "1: 6.0 N"
-
     ((_, client),) = eventually(lambda: page.server.get_clients().items())
     surface = arm.links[0].surface
     points, _ = surface.position(arm.tactel_s, arm.tactel_a)
