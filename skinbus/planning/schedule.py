@@ -17,7 +17,7 @@ Errors: a frame that is hit is followed by an error frame and sent again. Within
 
     E(t) = (burst + ceil(t / T_error)) (31 bits + C_max)
 
-is lost, which adds to w and t above.
+is lost, which adds to w and t above; C_max is the longest frame of the priority in question or higher.
 
 with hr, hs: readings and sporadic messages of higher priority. B' is the blocking by a frame that begins
 while patches respond, readings of faster ones included; without a response time there is none, for
@@ -197,7 +197,7 @@ def cycle_times(
 
 def _response(flow: _Flow, n: int, errors: ErrorModel) -> int | None:
     """Return the worst response time of the n-th message of a flow, over all instances of its busy period."""
-    m, c, longest = flow.messages[n], flow.ns[n], max(flow.ns)
+    m, c, longest = flow.messages[n], flow.ns[n], max(flow.ns[: n + 1])
     blocking = max(flow.ns[n + 1 :], default=0)
     if load(flow.messages[: n + 1], flow.bitrate) >= 1.0:
         return None

@@ -14,7 +14,7 @@ from skinbus.can.classic import worst_case_bits
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
-from skinbus.objects.pdo import PdoMap, tpdos
+from skinbus.objects.pdo import PdoMap, carries_readings, tpdos
 from skinbus.objects.profile import MASTER_NODE_ID, number_at
 from skinbus.planning.schedule import SECOND, Message, Release
 
@@ -86,7 +86,9 @@ def traffic(
             name, every = f"patch {node_id_of(od)} TPDO {pdo.number}", period
             # Of type n > 1 not all come in every cycle; the worst cycle is the one where all do.
             is_cyclic = pdo.transmission_type <= cia.TransmissionType.SYNC_MAX
-            if not is_cyclic:
+            if not carries_readings(pdo):  # the state of a guard: it changes when the robot stops anyway
+                is_cyclic, every = False, pdo.event_timer_ms * 1_000_000 or period
+            elif not is_cyclic:
                 every = pdo.inhibit_100us * 100_000 or period
                 unpaced += [] if pdo.inhibit_100us else [name]
             release = Release.READING if is_cyclic else Release.SPORADIC

@@ -16,6 +16,7 @@ from skinbus.config.arm_tables import Bitrate
 
 if TYPE_CHECKING:
     from skinbus.model import Arm
+    from skinbus.model.guard import GuardSettings
     from skinbus.planning.plan import Plan
 
 
@@ -71,7 +72,10 @@ def command(
         response_ns=round(1000 * response_us),
     )
     for result in results:
-        _show(result, console)
+        _show(result, loaded.guard, console)
+    free = [loaded.node_label(p) for p, is_guarded in enumerate(loaded.guarded) if not is_guarded]
+    if loaded.guard and free:
+        console.print(f"! not guarded: patches {', '.join(free)}", style="yellow")
     sys.exit(0 if all(result.holds for result in results) else 1)
 
 
@@ -94,8 +98,9 @@ def _time_levels(arm: Arm, console: Console) -> dict[str, int]:
         }
 
 
-def _show(plan: Plan, console: Console) -> None:
+def _show(plan: Plan, guard: GuardSettings | None, console: Console) -> None:
     """Print the plan as text."""
+    from skinbus.planning.guard import guard_bound
     from skinbus.planning.traffic import ASSUMED
 
     speed = f"{plan.bitrate / 1e6:g} Mbit/s"
@@ -116,6 +121,11 @@ def _show(plan: Plan, console: Console) -> None:
         },
         "assumed": ASSUMED,
     }
+    if guard and (bound := guard_bound(plan, guard)):
+        facts["guard, ms from a limit to GFC on the wire"] = _ms(bound.frame_ns)
+        facts |= {f"  {part.name}": f"{_ms(part.ns)}  {part.assumed}" for part in bound.to_frame}
+        facts["guard, ms from a limit to standstill"] = _ms(bound.standstill_ns)
+        facts |= {f"  {part.name}": f"{_ms(part.ns)}  {part.assumed}" for part in bound.to_standstill}
     for name, text in facts.items():
         console.print(f"{name:40} {text}", soft_wrap=True)
     for warning in plan.warnings:

@@ -1,0 +1,115 @@
+"""The bound of the guard: its parts by hand, its goal, and the wire in the critical instant."""
+
+import pytest
+
+from skinbus.can.core import NEVER
+from skinbus.can.frame import Frame
+from skinbus.can.virtual_bus import VirtualBus
+from skinbus.config.arm_file import find_arm
+from skinbus.config.system import load_arm
+from skinbus.planning.guard import guard_bound
+from skinbus.planning.plan import plans
+from skinbus.planning.schedule import Release
+from tests.cli.invoke import run
+from tests.planning.test_schedule import Talker, longest
+
+GUARD = """
+[guard]
+samples = [2, 3]
+reaction_ms = 1.5
+stop_ms = 120
+[[guard.region]]
+name = "all"
+force_n = 50
+source = "a test"
+"""
+FD = {
+    "[arm]\n": "[arm]\ncanfd = true\ndata_bitrate = 2_000_000\n",
+    "first_node_id": 'eds = "skin-patch-fd"\nfirst_node_id',
+}
+
+
+def guarded(tmp_path, name, guard=GUARD, changes=()):
+    """The file of a shipped arm with a guard, and with other words."""
+    text = find_arm(name).read_text() + guard
+    for old, new in dict(changes).items():
+        text = text.replace(old, new)
+    (tmp_path / "arm.toml").write_text(text)
+    return tmp_path / "arm.toml"
+
+
+def bounds(path, **settings):
+    arm = load_arm(path)
+    found = plans(arm, {"fit": 500_000}, level="fit", **settings)
+    return [guard_bound(plan, arm.guard) for plan in found]
+
+
+def test_parts_are_those_of_the_arm_file_and_of_the_longest_frames(tmp_path):
+    """By hand at 1 Mbit/s: GFC has 55 bits at most, 8 bytes 135, NMT 75, an error frame 31."""
+    (bound,) = bounds(guarded(tmp_path, "pad"), response_ns=40_000)
+    us = {part.name: part.ns / 1000 for part in bound.to_frame}
+    assert us == {
+        "next sample": 1000,
+        "more samples": 1000,
+        "comparison": 40,
+        "GFC": 55,
+        "frame under way": 135,
+        "NMT": 75,
+        "bit error": 31 + 75,
+    }
+    assert bound.frame_ns == 2_411_000
+    assert bound.standstill_ns == 2_411_000 + 121_500_000
+    (slow,) = bounds(guarded(tmp_path, "pad"), bitrate=125_000)
+    assert slow.frame_ns == 2_000_000 + 8 * 371_000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "changes", "n"),
+    [("forearm", {}, 1), ("forearm", FD, 1), ("arm", {}, 1), ("arm-two-buses", {}, 2)],
+)
+def test_the_goal_of_two_milliseconds_is_kept(tmp_path, name, changes, n):
+    at_once = GUARD.replace("[2, 3]", "[1, 1]")
+    found = bounds(guarded(tmp_path, name, at_once, changes), response_ns=100_000)
+    assert len(found) == n
+    assert all(bound.frame_ns < 2_000_000 for bound in found)
+    under_way = {part.name: part.ns for bound in found for part in bound.to_frame}["frame under way"]
+    assert (under_way > 135_000) == bool(changes)  # a frame of 8 bytes, or one of 48 on CAN FD
+
+
+def test_a_bus_without_limits_has_no_bound(tmp_path):
+    upper, lower = bounds(guarded(tmp_path, "arm-two-buses", GUARD + 'link = "forearm"\n'))
+    assert (upper is None) != (lower is None)
+
+
+def test_the_state_of_a_guard_is_part_of_the_traffic(tmp_path):
+    (plan,) = plans(load_arm(guarded(tmp_path, "pad")), {"fit": 500_000}, level="fit")
+    (state,) = [m for m in plan.traffic.messages if m.name.endswith("TPDO 9")]
+    assert (state.period_ns, state.bits, state.release) == (20_000_000, 75, Release.SPORADIC)
+    assert not plan.traffic.unpaced
+
+
+def test_the_wire_in_the_critical_instant_stays_below_the_bound_and_near_it(tmp_path):
+    """One bit before 24 patches say GFC at once a long frame has begun; NMT comes with it."""
+    (bound,) = bounds(guarded(tmp_path, "forearm"))
+    wire_ns = sum(part.ns for part in bound.to_frame[3:] if part.name != "bit error")
+    begin, ends = 1_000_000, {}
+    wire = VirtualBus(1_000_000)
+    wire.tap(lambda frame: ends.setdefault(frame.can_id, frame.t_ns))
+    for core in (
+        Talker(begin - 1000, [longest(0x57F, 8)]),
+        Talker(begin, [longest(0, 2)]),
+        *(Talker(begin, [Frame(1, b""), longest(0x80 + node_id, 8)]) for node_id in range(1, 25)),
+        Talker(NEVER, []),
+    ):
+        wire.attach(core)
+    wire.run(begin + 2_000_000)
+    assert 0.9 * wire_ns <= ends[1] - begin <= wire_ns
+
+
+def test_the_command_says_what_is_assumed(tmp_path):
+    some = guarded(tmp_path, "arm-two-buses", GUARD + "patches = [1]\n")
+    said = run("plan", str(some), "--compute-us", "500")
+    assert "from a limit to GFC on the wire" in said
+    assert "from a mailbox of its own" in said
+    assert "not guarded" in said
