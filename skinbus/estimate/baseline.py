@@ -165,6 +165,7 @@ class Baseline:
         # a board that declares no noise: no division, no threshold of 0
         self._declared2 = np.maximum(arm.tactel_noise, 1e-3) ** 2
         self._band, self._drift = np.array(arm.tactel_zero_band), arm.tactel_zero_drift**2 / DRIFT_S
+        self._no_zero = (self._touch / EXPLAINED) ** 2
         self._zeroed = np.zeros(n, np.bool_)  # has a zero from readings
         self._centre, self._pressed, self._level = np.zeros((3, n))
         self._run, self._low_n, self._n_free = np.zeros((3, n), np.int64)
@@ -176,7 +177,7 @@ class Baseline:
             zero=np.zeros(n),
             variance=self._declared2.copy(),
             # no zero yet: one that is further off than the threshold looks like a touch
-            doubt=(self._touch / 3.0) ** 2,
+            doubt=self._no_zero.copy(),
             out=np.zeros(n, np.bool_),
             creep=np.zeros(n),
         )
@@ -221,7 +222,8 @@ class Baseline:
     def _begin(self, new: Bools) -> None:
         """Take what first readings have below zero for noise: nothing pulls a skin."""
         low = np.where(new, np.clip(self._last - self._centre, -self._band, 0.0), 0.0)
-        mean2 = self._by_patch(low * low) / np.maximum(self._by_patch(low < 0.0), 1)
+        n_low = np.maximum(np.add.reduceat(low < 0.0, self._first, dtype=int), 1)
+        mean2 = np.add.reduceat(low * low, self._first) / n_low
         self.felt.variance[new] = np.maximum(mean2[self._patch], self._declared2)[new]
         self._n_free[new] = 1
 
@@ -244,56 +246,40 @@ class Baseline:
         limit = np.where(before, limit * self._ratio, np.maximum(limit, EXPLAINED * np.sqrt(w.doubt)))
         touched = np.where(seen & (above >= limit), np.where(before, HELD, TOUCHED), FREE)
         np.copyto(w.touched, touched, "unsafe", where=fresh[self._patch])
-        unsure = self._healthy & ~self._zeroed
-        if unsure.any():
-            spoilt: Bools = np.any(self._near & (self._by_patch(w.touched) > 0), axis=1)
-            self._learned_n[spoilt] = 0
-            again = spoilt[self._patch] & unsure
-            w.zero[again], w.doubt[again] = self._centre[again], ((self._touch / 3.0) ** 2)[again]
+        spoilt: Bools = np.any(self._near & self._on_patch(w.touched != FREE), axis=1)
+        self._learned_n[spoilt] = 0
+        again = spoilt[self._patch] & ~self._zeroed
+        w.zero[again], w.doubt[again] = self._centre[again], self._no_zero[again]
         now = np.maximum(above, 0.0)
         more = np.where(seen, now - self._pressed, 0.0)
-        rise, fall = -math.expm1(-dt / CREEP_RISE_S), -math.expm1(-dt / CREEP_FALL_S)
-        self._pressed += np.where(more > 0.0, rise, fall) * more
+        self._pressed -= np.expm1(-dt / np.where(more > 0.0, CREEP_RISE_S, CREEP_FALL_S)) * more
         np.copyto(w.creep, CREEP * np.maximum(self._pressed - now, 0.0), where=seen)
 
     def _rest(self, seen: Bools, fresh: Bools, dt: float) -> tuple[Bools, Bools]:
         """Let touches go that drift explains, or that nobody reads; return who learns, and who waits to."""
         w, patch = self.felt, self._patch
         self._silent_s = np.where(fresh, 0.0, self._silent_s + dt)
-        lost, touched = self._silent_s > FORGET_S, self._by_patch(w.touched) > 0
-        w.touched[lost[patch]] = FREE
+        lost, touched = self._silent_s > FORGET_S, self._on_patch(w.touched != FREE)
         self._quiet_s = np.where(touched, 0.0, self._quiet_s + dt * fresh)
-        self._quiet_s[lost] = np.inf
         # what is left may be touched in every other cycle
         resting = self._quiet_s + 0.5 * dt <= SETTLE_S
-        self._calm_n *= resting
-        if resting.any():
-            gain = 1.0 / (1.0 + self._calm_n[patch])
-            self._level += np.where(seen, gain * (self._last - self._level), 0.0)
-            calm_n = np.where(resting & self._is_drift(seen, gain), self._calm_n + 1, 0)
-            self._calm_n = np.where(fresh, calm_n, self._calm_n)
-            wakeful = resting & (self._calm_n < _cycles(dt))
-            released = resting & ~(self._near & wakeful).any(axis=1)
-            new = released[patch] & seen
-            w.zero[new], w.doubt[new] = self._level[new], (w.variance * gain)[new]
-            w.touched[released[patch]] = FREE
-            self._quiet_s[released] = np.inf
+        gain = 1.0 / (1.0 + self._calm_n[patch])
+        self._level += np.where(seen, gain * (self._last - self._level), 0.0)
+        explained = self._zeroed & (np.abs(self._level - self._centre) <= self._band)
+        explained &= (self._level - w.zero) ** 2 <= EXPLAINED**2 * (w.doubt + gain * w.variance)
+        calm = resting & self._on_patch(seen) & ~self._on_patch(seen & ~explained)
+        self._calm_n = np.where(fresh, (self._calm_n + 1) * calm, self._calm_n * resting)
+        restless = resting & (self._calm_n < _cycles(dt))
+        released = resting & ~(self._near & restless).any(axis=1)
+        new = released[patch] & seen
+        w.zero[new], w.doubt[new] = self._level[new], (w.variance * gain)[new]
+        over = released | lost
+        w.touched[over[patch]] = FREE
+        self._quiet_s[over] = np.inf
         quiet_s = np.where(self._near, self._quiet_s, np.inf).min(axis=1)
         free = fresh & (quiet_s > 0.0)
         learns = free & (dt > 0.0) & (quiet_s + 0.5 * dt > SETTLE_S)
         return learns, free & ~learns
-
-    def _is_drift(self, seen: Bools, gain: Floats) -> Bools:
-        """Return whether drift explains the levels of patches: together, and each tactel."""
-        w, left = self.felt, self._level - self.felt.zero
-        variance = w.doubt + gain * w.variance
-        known, common = (seen & (w.touched == FREE)) / variance, self.common
-        free = 1.0 + common * self._by_patch(known)
-        shift, unsure = common * self._by_patch(known * left) / free, common / free
-        most2 = EXPLAINED**2 * (variance + unsure[self._patch])
-        explained = self._zeroed & ((left - shift[self._patch]) ** 2 <= most2)
-        explained &= np.abs(self._level - self._centre) <= self._band
-        return np.asarray((self._by_patch(seen & ~explained) == 0) & (self._by_patch(seen) > 0))
 
     def _learn(self, at: Bools, dt: float) -> None:
         """Follow the zeros of free tactels."""
@@ -302,21 +288,18 @@ class Baseline:
         noise2 = w.variance + w.creep**2
         most = CLIP * np.sqrt(noise2 + w.doubt)
         low = at & (e < -most)
-        ok = at & ~low
         self._low_n = np.where(at, (self._low_n + 1) * low, self._low_n)
         falls = self._low_n >= _cycles(dt)
-        if falls.any():
-            # the whole of it, at once; it may as well come back
-            w.zero[falls] = np.maximum(self._last, self._centre - self._band)[falls]
-            w.doubt[falls] = e[falls] ** 2
-            self._low_n[falls] = 0
+        # so the next reading is no longer too low, and it is followed
+        w.doubt[falls] = e[falls] ** 2
+        at = at & ~low
         quickest = np.maximum(1.0 / np.maximum(self._n_free, 1), min(MOST_GAIN, dt / GAIN_S))
         gain = np.clip(w.doubt / (w.doubt + noise2), slowest, np.maximum(quickest, slowest))
         zero = w.zero + gain * np.clip(e, -most, most)
         doubt = np.maximum((1.0 - gain) ** 2 * w.doubt + gain**2 * noise2, slowest * noise2)
-        np.copyto(w.zero, np.clip(zero, self._centre - self._band, self._centre + self._band), where=ok)
-        np.copyto(w.doubt, doubt, where=ok)
-        self._zeroed |= ok & (self._learned_n[self._patch] >= _cycles(dt))
+        np.copyto(w.zero, np.clip(zero, self._centre - self._band, self._centre + self._band), where=at)
+        np.copyto(w.doubt, doubt, where=at)
+        self._zeroed |= at & (self._learned_n[self._patch] >= _cycles(dt))
 
     def _measure_noise(self, free: Bools, second: Floats, dt: float) -> None:
         """Follow the noise of free tactels by ``second`` (Pa) differences, and by what is below a zero.
@@ -333,9 +316,9 @@ class Baseline:
         variance = np.maximum(w.variance + gain * (sample - w.variance), NOISE_LEAST**2 * self._declared2)
         np.copyto(w.variance, variance, where=free & np.isfinite(second))
 
-    def _by_patch(self, column: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Return the sums of a column of tactels, (n_patches,)."""
-        return np.add.reduceat(column, self._first, dtype=float if column.dtype == np.float64 else int)
+    def _on_patch(self, flags: Bools) -> Bools:
+        """Return whether any tactel of a patch has a flag, (n_patches,)."""
+        return np.logical_or.reduceat(flags, self._first)
 
     def zero(self, patch: int | None = None) -> None:
         """Let the next start take what it reads as zero, touched or not, on one patch or all.
