@@ -67,12 +67,8 @@ FORCE_SD = 0.02
 SAID, MOST_SD = 10.0, 3.3
 """Presses, or tactels, that weigh as much as the standard deviations said when they are refined, and how many
 times those they become at most: presses that err by more than 1 mm are not moved to where they fit."""
-OFF_PRESS, OFF_TACTEL = 3.0, 10.0
-"""Standard deviations by which presses and tactels are off at most: a press that is an outlier stays one."""
 FAR = 0.5
 """Part of the readings, by distance from a press, beyond which they show the noise."""
-LOUD = 0.2
-"""Part of the largest pressure above which a reading shows the misfit that is reported."""
 MOST_LEVERAGE = 0.9
 """Part of a reading's variance that unknowns take up, at most."""
 BINS = 16
@@ -87,9 +83,6 @@ is."""
 TRUEST, FIRST = 1e-3, 0.05
 """Parts of the largest reading: the best of laws leaves the one, so that no reading weighs more for being
 truer or is an outlier for less than multiples of it; and errors are taken to be the other at first."""
-LEFT_BY_MAP = 0.1
-"""Part of the misfit that stays under a map of residuals: between presses it predicts less well than at
-them."""
 WEIGHTS = np.logspace(-2.0, 3.0, 11)
 """Weights of the penalty that are tried, relative to the information of the readings. With smaller ones a
 table follows readings no closer, but errors of few presses or of rounding made them be chosen."""
@@ -212,7 +205,7 @@ def learn_radial_law(
 class _Unknowns:
     """Unknowns (n, k) of tactels or presses, drawn to 0 by standard deviations that all of them refine."""
 
-    def __init__(self, owner: Ints, n: int, said: Any, most: float) -> None:
+    def __init__(self, owner: Ints, n: int, said: Any) -> None:
         ones = np.ones(len(owner))
         self.owner = owner
         """(n_readings,) whose each reading is."""
@@ -221,7 +214,7 @@ class _Unknowns:
         self.values, self.taken_up = np.zeros((n, len(said))), 0.0 * ones
         """The unknowns, and what they take up of the variance of each reading, as a part of it."""
         self._said = self._sd = np.asarray(said, np.float64)
-        self.known, self._most = self.sum @ ones > 0.0, most
+        self.known = self.sum @ ones > 0.0
 
     def step(self, slopes: Floats, residuals: Floats, trust: Floats, *, refine: bool) -> Floats:
         """Take a Gauss-Newton step; return the mean of all (k,), which is taken off.
@@ -233,8 +226,7 @@ class _Unknowns:
         normal = (self.sum @ (weighted[:, :, None] * slopes[:, None]).reshape(-1, k * k)).reshape(-1, k, k)
         covariance = np.linalg.inv(normal + np.diag(self._sd**-2.0))
         pull = self.sum @ (weighted * residuals[:, None]) - self.values / self._sd**2
-        values, most = self.values + np.einsum("kij,kj->ki", covariance, pull), self._most * self._sd
-        values = np.clip(values, -most, most)
+        values = self.values + np.einsum("kij,kj->ki", covariance, pull)
         # what is common to all belongs to the law
         common = values[self.known].mean(axis=0)
         self.values = (values - common) * self.known[:, None]
@@ -281,12 +273,12 @@ class _Fit:
         self._unmatched = TRUEST * peak
         self.table, self.exponent = np.zeros(POINTS - 1), 1.0
         said = np.array(TACTEL_SD) * (1.0, 1.0, peak)
-        self.tactels = _Unknowns(tactel, arm.n_tactels, said, OFF_TACTEL)
+        self.tactels = _Unknowns(tactel, arm.n_tactels, said)
         """Logarithms of gain and width, offset (Pa)."""
         of_press = (place_sd or 1.0, place_sd or 1.0, FORCE_SD)
-        self.presses = _Unknowns(press, len(s), of_press, OFF_PRESS)
+        self.presses = _Unknowns(press, len(s), of_press)
         """What they are off by along s and a (m), and in the logarithm of the force."""
-        self.noise, self.misfit, self._misfit_profile = self._floor, 0.0, np.zeros(BINS)
+        self.noise, self._misfit_profile = self._floor, np.zeros(BINS)
         self.variance = np.full(len(self._p), (FIRST * peak) ** 2)
         self.outlier = np.zeros(len(s), np.bool_)
         self._by_law, self._weight, self._trust = 0.0 * self._p, float(WEIGHTS[0]), self._p
@@ -346,17 +338,17 @@ class _Fit:
         by_exponent = self._learns_exponent * self.pressed * self._log_force
         rows = np.column_stack([self._basis * self.amplitude[:, None], by_exponent]) * root
         readings = (self._p - self._offset) * root[:, 0]
-        normal, right, total = rows.T @ rows, rows.T @ readings, float(readings @ readings)
-        information, best, n_kept = float(np.trace(normal[:-1, :-1])), math.inf, int(self.kept.sum())
+        normal, best, n_kept = rows.T @ rows, math.inf, self.kept.sum()
+        information = float(np.trace(normal[:-1, :-1]))
         for weight in WEIGHTS if choose else [self._weight]:
             prior = weight * information / np.trace(_ROUGHNESS) * _ROUGHNESS
             # points that no reading reaches have zeros in both: a small number keeps it definite
             inverse = np.linalg.inv(normal + prior + 1e-12 * information * np.eye(POINTS))
-            found = inverse @ right
-            error = max(total - 2.0 * float(found @ right) + float(found @ normal @ found), 0.0)
-            score = error / max(n_kept - float((inverse * normal).sum()), 1.0) ** 2
+            found = inverse @ (rows.T @ readings)
+            left = readings - rows @ found
+            score = float(left @ left) / max(n_kept - float((inverse * normal).sum()), 1.0) ** 2
             if score < best:
-                best, self._weight, law, self._covariance = score, float(weight), found, inverse
+                best, self._weight, law, self._covariance = score, weight, found, inverse
         self.table = law[:-1]
         self.exponent = float(np.clip(self.exponent + np.clip(law[-1], -0.2, 0.2), 0.2, 2.0))
         self._by_law = np.einsum("ri,ij,rj->r", rows, self._covariance, rows)
@@ -377,11 +369,8 @@ class _Fit:
 
         # the readings farthest from presses show the noise
         quiet = kept & (self.d >= np.quantile(self.d[kept], FAR))
-        # a tactel's own variance, drawn to that of all by the weight of ten readings
-        own, n = self.tactels.sum @ (quiet * square), self.tactels.sum @ (1.0 * quiet)
-        noise2 = (own + 10.0 * float(square[quiet].mean())) / (n + 10.0)
         # where all that is quiet reads the same step, the residuals are none, and readings still uncertain
-        self.noise = np.sqrt(np.maximum(noise2, self._floor**2))
+        self.noise = np.sqrt(np.maximum(square[quiet].mean(), self._floor**2))
         excess = square - self.noise[tactel] ** 2
         # moments weighted by amplitude^2 / variance^2: strong presses determine most of what grows with force
         weight = (amplitude / self.variance) ** 2
@@ -391,10 +380,6 @@ class _Fit:
             found = np.sqrt(np.maximum(by_bin(weight * excess)[usable] / scale[usable], 0.0))
             self._misfit_profile = np.interp(np.arange(BINS), np.flatnonzero(usable), found)
         self.variance = self.noise[tactel] ** 2 + (amplitude * self._misfit_at(self.d)) ** 2
-        pressed = np.abs(self.pressed)
-        loud = kept & (pressed > LOUD * pressed[kept].max())
-        if loud.any():
-            self.misfit = math.sqrt(max(float(np.mean(excess[loud] / pressed[loud] ** 2)), 0.0))
 
     def _misfit_at(self, d: Floats) -> Floats:
         """Return the misfit at distances d (m), per unit of effective force; (...,) Pa."""
@@ -423,11 +408,9 @@ class _Fit:
             arm.n_tactels,
         )
         if maps is not None:
-            beside, least = self.residuals, LEFT_BY_MAP * self._misfit_profile
+            beside = self.residuals
             beside[kept] = left * scale[kept]
-            self.find_outliers(beside)
             self.find_variances(beside)
-            self._misfit_profile = np.maximum(self._misfit_profile, least)
         return maps
 
     def law(self, to_newtons: float, *, has_map: bool) -> Radial:
@@ -444,7 +427,7 @@ class _Fit:
             float(at[1]),
             (basis @ self.table) * (at < at[-1]) * to_newtons,
             exponent=self.exponent,
-            misfit=self.misfit,
+            misfit=float(self._misfit_profile[0] / self.table[0]),
             misfit_profile=np.sqrt(self._misfit_at(at) ** 2 + unknown) * to_newtons,
             typical_force=math.exp(self.middle),
         )
