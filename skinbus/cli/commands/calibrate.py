@@ -20,7 +20,7 @@ from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.system import load_arm
 from skinbus.estimate.calibration import Calibration, GateFinding, Judgement, judge
-from skinbus.estimate.calibration.gate import MAX_ERROR_M, SAME
+from skinbus.estimate.calibration.gate import GOOD, MAX_ERROR_M, SAME
 from skinbus.estimate.calibration.table import kind_of, tables_of
 from skinbus.model import Arm, PlacedPatch
 from skinbus.objects.board import calibration_values, describe_patch
@@ -148,13 +148,14 @@ def verdict(judged: Judgement, lines: Ints) -> str:
             f"by {1e3 * place:.2f} mm{'' if is_known else ' and not in newtons'}; {BETTER}"
         )
     else:
-        grade = "good" if judged.is_good else "fair" if place <= MAX_ERROR_M else "poor"
+        is_good = place <= GOOD * judged.table.pitch
+        grade = "good" if is_good else "fair" if place <= MAX_ERROR_M else "poor"
         said.append(
             f"this is {grade}: write it into the boards, as `eds` in the arm file and by `skinbus configure`"
         )
         if not is_known:
             said.append("forces will not be in newtons: 1 is the force of these presses, which is not known")
-        if not (is_known and judged.is_good):
+        if not (is_known and is_good):
             said.append(BETTER)
     return "\n".join(said)
 

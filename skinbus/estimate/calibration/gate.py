@@ -33,9 +33,8 @@ MAX_ERROR_M, MAX_ERROR = 1e-3, 0.1
 coarse readings have no better places, however they are pressed."""
 SAME = 1.03
 """Errors to expect, as a ratio, up to which they are the same."""
-GOOD, GOOD_FORCE = 0.03, 0.05
-"""Errors to expect that are called good: of the pitch, what boards of rubber reach with a hundred presses,
-and of the force, what scales of 3 % leave, and no change of unit, tare or drift."""
+GOOD = 0.03
+"""Error to expect that is called good, of the pitch: what boards of rubber reach with a hundred presses."""
 
 RIM = 0.3
 """Pitches around the tactels beyond which a place is compared as if it were there."""
@@ -46,13 +45,10 @@ FEWEST_COMPARED = 8
 """Presses below which medians compare nothing."""
 FEWEST, FEWEST_EACH = 30, 10
 """Presses of a kind of board, and of each board: fewer leave the law, or gains, to chance."""
-NEAR, WITHIN = 1.25, 1.2
-"""Pitches within which a tactel needs a press, or its gain is not known; and those up to which the profile of
-the law must be known: places follow from the flank."""
+NEAR = 1.25
+"""Pitches within which a tactel needs a press, or its gain is not known."""
 MOST_BARE = 0.15
 """Part of the tactels of a board that may have none; their gains stay as they are, and are named."""
-GAP, UNEVEN = 0.35, 0.2
-"""Pitches without a press that has a tactel at such distances: the law is not known there; not measured."""
 AWAY, FEWEST_AWAY, MOST_AWAY = 0.02, 3, 0.02
 """m, from which rubber leaves less than 1 % of a press; presses from which the median of what a tactel reads
 so far away is known; and the part of a strong press that this may be: 3 to 5 % move places by
@@ -62,14 +58,13 @@ FACTOR = math.sqrt(10.0)
 MAX_FORCE_ERROR = 0.3
 """Relative error of force, 68 % of the presses, beyond which forces belong to other presses."""
 
-LENGTHS = {"m": 1e3, "cm": 10.0, "inches": 25.4, "um": 1e-3}
-"""Factors from what was written as mm to what it was."""
 COLUMNS = {
     "s and a swapped": ((0.0, 1.0), (1.0, 0.0)),
     "the sign of a changed": ((1.0, 0.0), (0.0, -1.0)),
-    **{f"places in {unit}, not mm": ((by, 0.0), (0.0, by)) for unit, by in LENGTHS.items()},
-    **{f"s in {unit}, not mm": ((by, 0.0), (0.0, 1.0)) for unit, by in LENGTHS.items()},
-    **{f"a in {unit}, not mm": ((1.0, 0.0), (0.0, by)) for unit, by in LENGTHS.items()},
+    **{
+        f"places in {unit}, not mm": ((by, 0.0), (0.0, by))
+        for unit, by in {"m": 1e3, "cm": 10.0, "inches": 25.4, "um": 1e-3}.items()
+    },
 }
 """What the columns s and a may be: the matrix that makes them what they should be."""
 FORCES = {
@@ -127,55 +122,43 @@ class Judgement:
         """The same of the force, as a part of it."""
         return math.nan if self.errors is None else self.errors.relative_force(self.table.forces)
 
-    @property
-    def is_good(self) -> bool:
-        """Whether places will be as true as on good boards, by a law that is known at all distances."""
-        low, high = _gap(self.table)
-        known = self.calibration is not None and self.calibration.converged and high - low <= UNEVEN
-        is_even = self.table.force is None or self.force_error <= GOOD_FORCE
-        return known and not self.faults and is_even and self.place_error <= GOOD * self.table.pitch
-
 
 def judge(table: PressTable) -> Judgement:
     """Return what can be learned from presses, how good it will be, and why it must not be used if so."""
     n, shipped = len(table), errors_of(table, table.arm)
-    missing, unknown = spread_faults(table)
-    said = [*_misplaced(table, shipped)] or [*_zero_faults(table), *missing]
+    missing, notes = spread_faults(table)
+    faults = [*_misplaced(table, shipped)] or [*_zero_faults(table), *missing]
     out, learned, errors = _astray(table, shipped), None, None
-    while errors is None:
+    more = ~out
+    while more.any() and not (errors and out.sum() > MAX_OUTLIERS * n):
+        # what was learned with outliers hides some
         try:
             learned = learn(table.only(~out))
         except ValueError as error:
-            said = said or [f"nothing can be learned: {error}"]
-            learned = None
-        else:
-            out[np.flatnonzero(~out)[learned.outliers]] = True
-        if said:
+            learned, faults = None, faults or [f"nothing can be learned: {error}"]
+            break
+        out[np.flatnonzero(~out)[learned.outliers]] = True
+        if faults:
             break
         errors = cross_validate(table, ~out)
         more = _astray(table, errors)
-        if more.any() and out.sum() <= MAX_OUTLIERS * n:
-            out, errors = out | more, None  # what was learned with outliers hides some
-    faults, notes = [GateFinding(one) for one in said], [GateFinding(one) for one in unknown]
+        out |= more
     outliers = np.flatnonzero(out)
+    left_out = (GateFinding("left out, because they do not go with the others", tuple(outliers.tolist())),)
     if errors is not None:
-        if len(outliers):
-            many = len(outliers) > MAX_OUTLIERS * n
-            few = "left out, because they do not go with the others"
-            words = f"{len(outliers)} of {n} presses do not go with the others" if many else few
-            (faults if many else notes).append(GateFinding(words, tuple(outliers.tolist())))
+        if len(outliers) > MAX_OUTLIERS * n:
+            faults.append(f"{len(outliers)} of {n} presses do not go with the others")
         place, limit = errors.place(), max(MAX_ERROR_M, MAX_ERROR * table.pitch)
-        faults += map(GateFinding, _force_faults(table, shipped, errors))
+        faults += _force_faults(table, shipped, errors)
         if not place <= limit:
             few = "too few presses make a contact by a law from the others: too light, or more are needed"
             wrong = f"places would be wrong by {1e3 * place:.2f} mm (68 % of the presses, cross-validated)"
-            words = f"{wrong if math.isfinite(place) else few}; {1e3 * limit:.1f} mm are the limit"
-            faults.append(GateFinding(words))
+            faults.append(f"{wrong if math.isfinite(place) else few}; {1e3 * limit:.1f} mm are the limit")
     return Judgement(
         table=table,
         calibration=learned,
-        faults=tuple(faults),
-        notes=tuple(notes),
+        faults=tuple(map(GateFinding, faults)),
+        notes=(*map(GateFinding, notes), *left_out * (len(outliers) > 0)),
         outliers=outliers,
         errors=errors,
         shipped=shipped,
@@ -261,22 +244,7 @@ def spread_faults(table: PressTable) -> tuple[list[str], list[str]]:
                 "gains there are not known, and stay as they are; dead tactels are taken out by their bits "
                 "in 0x2040 (healthy tactels) of the EDS"
             )
-    low, high = _gap(table)
-    if high - low > UNEVEN and not faults:
-        (faults if high - low > GAP else notes).append(
-            f"no press has a tactel at distances of {1e3 * table.pitch * low:.1f} to "
-            f"{1e3 * table.pitch * high:.1f} mm: there the law is drawn, not measured; press at uneven "
-            "places, on tactels and between them, as a grid repeats the same distances to the tactels"
-        )
     return faults, notes
-
-
-def _gap(table: PressTable) -> tuple[float, float]:
-    """Return the widest range of distances, in pitches, at which no press has a tactel."""
-    d = table.away() / table.pitch
-    near = np.sort(np.concatenate([[0.0], d[(d <= WITHIN) & np.isfinite(table.pressures)], [WITHIN]]))
-    widest = int(np.diff(near).argmax())
-    return float(near[widest]), float(near[widest + 1])
 
 
 def _zero_faults(table: PressTable) -> Iterator[str]:

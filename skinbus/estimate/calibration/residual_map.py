@@ -1,16 +1,13 @@
 """The smooth map of what tactels read beside their own law, from the residuals of presses.
 
 For each tactel the residuals, in units of the misfit at their distance, are a Gaussian process over the place
-pressed, with a squared-exponential kernel and white noise. Length and noise are those of the smallest
-leave-one-out residuals, which are also what the map leaves at presses it was not made from: where they are
-not clearly smaller than without one there is no map.
+pressed, with a squared-exponential kernel and white noise. What the map leaves at presses that it was not
+made from are the leave-one-out residuals: where they are not clearly smaller there is no map.
 
 Source: C. Rasmussen, C. Williams, Gaussian Processes for Machine Learning (2006), 5.4.2.
 """
 
 from __future__ import annotations
-
-from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -19,18 +16,16 @@ from skinbus.arrays import Floats
 
 Places = npt.NDArray[np.complex128]
 
-LENGTHS = (0.0025, 0.004, 0.006, 0.009)
-"""m: shorter ones no array of presses a few mm apart shows, longer ones are straight over a reach."""
-WHITE = (0.1, 0.2, 0.4, 0.7)
-"""White noise that is tried, as a part of the misfit."""
+LENGTH = 0.004
+"""m, of the kernel: less no array of presses a few mm apart shows, more is straight over a reach."""
+WHITE = 0.2
+"""White noise, as a part of the misfit."""
 WORTH = 0.9
 """A map is made when it leaves less than this part of the residuals at presses it was not made from."""
 FEWEST, MOST = 30, 400
 """Presses of a tactel: with fewer there is no map, and not more make one; the cost grows with the cube."""
-CHOSEN_BY, CHOSEN_ON = 150, 8
-"""Presses of a tactel, and tactels, that length and noise are chosen by."""
 MAP_REACH, MAP_STEP = 0.024, 0.002
-"""m: no coarser than the shortest length; beyond the reach arrays show 0.2 %."""
+"""m: half of the length; beyond the reach arrays show 0.2 %."""
 FADE = 0.2
 """Part of the reach over which a map fades, so that it ends at zero."""
 
@@ -51,29 +46,25 @@ def residual_maps(
     """
     rng = np.random.default_rng(0)  # which of too many presses are taken; any are as good
     near = np.abs(at) < MAP_REACH
-    rows = [(i, rng.permutation(np.flatnonzero(near & (tactel == i)))) for i in range(n_tactels)]
-    rows = [(i, own) for i, own in rows if len(own) >= FEWEST]
-    if not rows:
-        return None, z
-    some = [own[:CHOSEN_BY] for _, own in rows[:CHOSEN_ON]]
-    length, white = min(
-        product(LENGTHS, WHITE),
-        key=lambda pair: sum(float((_process(at[r], z[r], *pair)[1] ** 2).sum()) for r in some),
-    )
     nodes = np.arange(-MAP_REACH, MAP_REACH + 0.5 * MAP_STEP, MAP_STEP)
     grid = (nodes[:, None] + 1j * nodes).ravel()
     maps, said = np.zeros((n_tactels, len(grid))), np.zeros(len(z))
-    for i, own in rows:
+    for i in range(n_tactels):
+        own = rng.permutation(np.flatnonzero(near & (tactel == i)))
+        if len(own) < FEWEST:
+            continue
         r = own[:MOST]
-        weights, out = _process(at[r], z[r], length, white)
-        said[own] = _kernel(at[own], at[r], length, white) @ weights
-        said[r] = z[r] - out
+        inverse = np.linalg.inv(_kernel(at[r], at[r]) + WHITE**2 * np.eye(len(r)))
+        weights = inverse @ z[r]
+        said[own] = _kernel(at[own], at[r]) @ weights
+        # what the others say of each
+        said[r] = z[r] - weights / np.diag(inverse)
         order = r[np.argsort(np.abs(at[r]))]
         envelope = np.interp(np.abs(grid), np.abs(at[order]), scale[order])
-        maps[i] = (_kernel(grid, at[r], length, white) @ weights) * envelope * _fade(grid)
+        maps[i] = (_kernel(grid, at[r]) @ weights) * envelope * _fade(grid)
     left = z - said * _fade(at)
     mapped = said != 0.0
-    if (left[mapped] ** 2).sum() > WORTH**2 * (z[mapped] ** 2).sum():
+    if not (left[mapped] ** 2).sum() < WORTH**2 * (z[mapped] ** 2).sum():
         return None, z
     return maps.reshape(n_tactels, len(nodes), len(nodes)), left
 
@@ -83,12 +74,5 @@ def _fade(away: Places) -> Floats:
     return np.asarray(np.clip((MAP_REACH - np.abs(away)) / (FADE * MAP_REACH), 0.0, 1.0))
 
 
-def _process(at: Places, z: Floats, length: float, white: float) -> tuple[Floats, Floats]:
-    """Return the weights of a Gaussian process, and what presses leave of themselves by the others."""
-    inverse = np.linalg.inv(_kernel(at, at, length, white) + white**2 * np.eye(len(at)))
-    weights = inverse @ z
-    return weights, weights / np.diag(inverse)
-
-
-def _kernel(one: Places, other: Places, length: float, white: float) -> Floats:
-    return np.asarray((1.0 - white**2) * np.exp(-0.5 * np.abs((one[:, None] - other) / length) ** 2))
+def _kernel(one: Places, other: Places) -> Floats:
+    return np.asarray((1.0 - WHITE**2) * np.exp(-0.5 * np.abs((one[:, None] - other) / LENGTH) ** 2))
