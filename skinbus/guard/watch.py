@@ -41,6 +41,9 @@ LOOK_NS = 10_000_000
 SAY_NS = 1_000_000_000
 """What is waited for is said so often, if it has changed."""
 
+NAMED = 4
+"""Of those that are not well, so many are named."""
+
 ENDED = "the guard was asked to end"
 
 
@@ -176,7 +179,13 @@ class Guard(Core):
         self._now_ns = now_ns
         if self.phase is Phase.GUARDING:
             self._stop(ENDED if self.is_ending else "the guard ends by a fault")
-        return self.step(now_ns, ()).frames if self.phase is Phase.STOPPED else ()
+        # not by ``step``, which may be what has failed
+        return [
+            frame
+            for write in self._stops
+            for frame in write.step(now_ns, ())[0]
+            if self.phase is Phase.STOPPED
+        ]
 
     def _take_state(self, patch: _Watched, frame: Frame) -> None:
         """Take the state of the guard of a patch: anything but exactly ARMED is a stop."""
@@ -208,8 +217,9 @@ class Guard(Core):
         if (has := now_ns <= seen.due_ns) != self._has_contacts:
             self._has_contacts = has
             self._report(EventKind.CONTACTS_BACK if has else EventKind.CONTACTS_LOST)
-        faults = "; ".join(f"{who.label} {who.state}" for who in self._watched if now_ns > who.due_ns)
-        if self.phase is Phase.WAITING and faults != self._said and now_ns >= self._say_ns:
+        late = [f"{who.label} {who.state}" for who in self._watched if now_ns > who.due_ns]
+        faults = "; ".join(late[:NAMED]) + (f"; {len(late) - NAMED} more" if len(late) > NAMED else "")
+        if self.phase is Phase.WAITING and faults not in ("", self._said) and now_ns >= self._say_ns:
             self._said, self._say_ns = faults, now_ns + SAY_NS
             self._report(EventKind.GUARD_WAITS, faults)
         if self.phase is Phase.WAITING and not faults and not self.is_ending:

@@ -119,11 +119,13 @@ def command(
             notifier.stopping()
             guard.is_ending, end_s = True, time.monotonic() + END_S
             while not guard.is_settled and time.monotonic() < end_s:
+                follow(None)  # its thread may have failed
                 time.sleep(QUICK_S)
     finally:
+        follow(None)
         if guard.phase is Phase.STOPPED:
-            outside.begin.set()
             outside.join()
+            say(f"stopped: {guard.reason}")
     notifier.close()
     sys.exit(guard.reason not in ("", ENDED))
 

@@ -8,6 +8,7 @@ import pytest
 from skinbus.can.core import Core, Step
 from skinbus.can.frame import Frame
 from skinbus.config.arm_file import find_arm
+from skinbus.guard.watch import Guard, Phase
 from tests.cli.invoke import refused
 from tests.guard.rig import ARMED, GFC, MS, QUICK_STOP
 
@@ -88,6 +89,20 @@ def test_its_end_is_a_stop_if_it_guards(own_bus, arm):
         assert "guard-stop, the guard was asked to end" in own_bus.run(*words)
     assert CALLED == ["stop"]
     assert skin.told[0] == QUICK_STOP
+
+
+def test_a_fault_of_the_guard_itself_is_a_stop(own_bus, arm, monkeypatch):
+    def step(self, now_ns, frames, whole=Guard.step):
+        if self.phase is Phase.GUARDING:
+            raise ZeroDivisionError
+        return whole(self, now_ns, frames)
+
+    monkeypatch.setattr(Guard, "step", step)
+    skin = Skin()
+    with own_bus.with_cores(skin), pytest.raises(AssertionError):
+        own_bus.run("guard", arm, "--stop", f"{HERE}stop", "--stop", "cia402:100", status=None)
+    assert CALLED == ["stop"]
+    assert QUICK_STOP in skin.told
 
 
 def test_what_cannot_stop_or_is_not_guarded_is_refused_before_the_bus(arm):
