@@ -15,6 +15,7 @@ from skinbus.errors import LocalProtocolError
 from skinbus.node.context import Context, Handler
 from skinbus.node.dictionary import WriteHook
 from skinbus.node.emcy import EmcyService
+from skinbus.node.guard import GuardService
 from skinbus.node.heartbeat import HeartbeatProducer
 from skinbus.node.heartbeat_consumer import HeartbeatConsumer
 from skinbus.node.layout import ImageLayout
@@ -99,6 +100,7 @@ class Device(Core):
         self._rpdo = RpdoService(context, self._sync.in_window)
         self._tpdo = TpdoService(context)
         self._triggers = AnalogueTriggers(context, self._tpdo)
+        self._guard = GuardService(context, self._tpdo)
         self._storage = StorageService(context, storage)
         self._verify = VerifyService(context)
         self.sample_status = SampleStatus(0)
@@ -111,7 +113,7 @@ class Device(Core):
         services = (self._sync, self._sdo, self._rpdo, self._guarding, self._consumer, self._lss)
         self._listeners = tuple(service for service in services if service is not None)
         self._timed = (
-            *(self._sync, self._sdo, self._heartbeat, self._consumer),
+            *(self._guard, self._sync, self._sdo, self._heartbeat, self._consumer),
             *(self._guarding, self._rpdo, self._tpdo, self._emcy),
         )
         self._handlers: dict[int, Handler] = {}
@@ -154,8 +156,13 @@ class Device(Core):
 
     @property
     def runs_freely(self) -> bool:
-        """Whether it sends any TPDO on a change or by a timer now, not in answer to a SYNC."""
+        """Whether it sends readings on a change or by a timer now, not in answer to a SYNC."""
         return self._tpdo.runs_freely
+
+    @property
+    def guards(self) -> bool:
+        """Whether it compares its readings with limits now; it is to be told of each sample."""
+        return self._guard.is_active
 
     def get(self, index: int, sub: int = 0) -> Any:
         """A value of the dictionary; KeyError when there is no such entry."""
@@ -189,6 +196,10 @@ class Device(Core):
         """
         self.sample_status = SampleStatus.OLD if is_stopped else SampleStatus(0)
         self._tpdo.withhold(is_stopped)
+
+    def sampled(self, age_ns: int) -> None:
+        """Have the guard compare the readings in the image, a new sample of that age, with the next step."""
+        self._guard.sampled(age_ns)
 
     def transmit_tpdo(self, number: int) -> bool:
         """Ask for an event-driven TPDO; False when it is not sent on events in this state."""
@@ -278,6 +289,7 @@ class Device(Core):
         self._emcy.reset()
         self._heartbeat.reset()
         self._guarding.reset()
+        self._guard.reset()
         for service in (self._sync, self._tpdo, self._rpdo, self._consumer):
             service.configure()
         self._listen()
@@ -292,6 +304,7 @@ class Device(Core):
         self._context.state = state
         for service in (self._sync, self._rpdo, self._tpdo, self._triggers):
             service.enter(state)
+        self._guard.enter()
         if Service.SDO not in SERVICES[state]:
             self._sdo.reset()
         self._emcy.tick()

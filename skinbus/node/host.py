@@ -20,6 +20,7 @@ from skinbus.can.event import Event
 from skinbus.can.frame import REMOTE_ID, RTR, CobIds, Frame, Frames
 from skinbus.node.device import Device
 from skinbus.objects.cia import READINGS, SOURCE_STOPPED, SYNC_ID, TACTELS_FAILED, EmcyCode, NmtState
+from skinbus.objects.guard import GFC_ID
 from skinbus.objects.profile import AGE_STEP_NS, HEALTHY_TACTELS, SAMPLE_AGE, has, index_of
 
 
@@ -35,7 +36,7 @@ class Sample(NamedTuple):
 
 
 SCAN_NS = 1_000_000
-"""From one look at the readings of patches that run freely to the next."""
+"""From one look at the readings of patches that run freely or guard to the next."""
 
 START_NS = 500_000_000
 """For so long patches are not there until all tactels have readings: one that has none yet has not failed."""
@@ -43,7 +44,7 @@ START_NS = 500_000_000
 Source = Callable[[int], Sample]
 """Return the newest sample at a time (ns), without waiting; it is asked at each SYNC.
 
-For patches that run freely it is asked every ``SCAN_NS``, too.
+For patches that run freely, and for those that guard, it is asked every ``SCAN_NS``, too.
 Counts that change come as a new array: one that was returned before is not looked at again.
 """
 
@@ -92,7 +93,10 @@ class PatchHost(Core):
         self._wakes: list[tuple[int, int]] = []
         self._listeners: dict[int, list[int]] = {}
         self._heard: list[CobIds] = [frozenset()] * len(devices)
-        self._free: set[int] = set()
+        self._scanned: set[int] = set()
+        """Devices that run freely or guard."""
+        self._compared_ns = [-1] * len(devices)
+        """When the last sample was taken that the guard of each has seen."""
         self._scan_ns = NEVER
         self._cob_ids = frozenset({SYNC_ID})
         self.is_on = False
@@ -102,9 +106,9 @@ class PatchHost(Core):
         """Node-IDs of those that receive nothing now: their plug is pulled."""
 
     @property
-    def runs_freely(self) -> bool:
-        """Whether any device does."""
-        return bool(self._free)
+    def is_scanning(self) -> bool:
+        """Whether the source is looked at between SYNCs, too: any device runs freely or guards."""
+        return bool(self._scanned)
 
     @property
     def cob_ids(self) -> CobIds:
@@ -131,15 +135,14 @@ class PatchHost(Core):
                 if self.devices[i].node_id not in self.deaf:
                     self._step(i, now_ns, (frame,), out, events)
         if now_ns >= self._scan_ns:
-            self._scan_ns = now_ns + SCAN_NS
-            for i in self._show(now_ns):
-                if i in self._free:
-                    self._step(i, now_ns, (), out, events)
+            self._scan(now_ns, out, events)
         while self._wakes and self._wakes[0][0] <= now_ns:
             wake_ns, i = heappop(self._wakes)
             if self._wake_ns[i] == wake_ns:
                 self._wake_ns[i] = NEVER
                 self._step(i, now_ns, (), out, events)
+        if self._scanned:
+            out = _stops_first(out)
         return Step(out, events, self.wake_ns)
 
     @property
@@ -159,6 +162,19 @@ class PatchHost(Core):
             self._wake_ns[i] = wake_ns
             if wake_ns < NEVER:
                 heappush(self._wakes, (wake_ns, i))
+
+    def _scan(self, now_ns: int, out: list[Frame], events: list[Event]) -> None:
+        """Step the devices that run freely or guard and have something new."""
+        self._scan_ns = now_ns + SCAN_NS
+        changed = self._show(now_ns)
+        sampled_ns = self._shown.t_ns.tolist() if self._shown else []
+        for i in sorted(self._scanned):
+            is_new = self.devices[i].guards and sampled_ns[i] != self._compared_ns[i]
+            if is_new:
+                self._compared_ns[i] = sampled_ns[i]
+                self.devices[i].sampled(now_ns - sampled_ns[i])
+            if is_new or i in changed:
+                self._step(i, now_ns, (), out, events)
 
     def _show(self, now_ns: int) -> list[int]:
         """Put the newest readings where the TPDOs find them; return which devices have others than before."""
@@ -220,9 +236,9 @@ class PatchHost(Core):
         out += step.frames
         events += step.events
         self.wake(i, step.wake_ns)
-        if device.runs_freely != (i in self._free):
-            self._free ^= {i}
-            self._scan_ns = now_ns + SCAN_NS if self._free else NEVER
+        if (device.runs_freely or device.guards) != (i in self._scanned):
+            self._scanned ^= {i}
+            self._scan_ns = min(self._scan_ns, now_ns + SCAN_NS) if self._scanned else NEVER
         if device.cob_ids is not self._heard[i]:
             self._heard[i] = device.cob_ids
             self._listen()
@@ -235,3 +251,9 @@ class PatchHost(Core):
                 listeners.setdefault(cob_id, []).append(i)
         self._listeners = listeners
         self._cob_ids = frozenset(listeners) | {SYNC_ID}
+
+
+def _stops_first(frames: list[Frame]) -> list[Frame]:
+    """Return frames with the global fail-safe command first: equal ones of many patches are one on a wire."""
+    stops = [frame for frame in frames if frame.can_id == GFC_ID]
+    return [*stops[:1], *(frame for frame in frames if frame.can_id != GFC_ID)] if stops else frames

@@ -62,6 +62,8 @@ class TpdoService(Part):
         """Called when a PDO was reconfigured."""
         self.on_sent: Callable[[Tpdo], None] = lambda pdo: None
         """Called after an event-driven or acyclic TPDO was sent."""
+        self.runs_freely = False
+        """Whether any PDO with readings is sent on an event or by its timer now."""
         self._every_sync: list[tuple[int, Callable[[], bytes], int]] = []
         self._some_syncs: list[Tpdo] = []
         self._by_event: list[Tpdo] = []
@@ -88,11 +90,6 @@ class TpdoService(Part):
             for pdo in self.pdos.values():
                 self._start(pdo)
         self._plan()
-
-    @property
-    def runs_freely(self) -> bool:
-        """Whether any PDO is sent on an event or by its timer now."""
-        return bool(self._by_event)
 
     def withhold(self, is_withheld: bool) -> None:
         """Send no readings from now on, or again; where the status of samples is mapped it says it all."""
@@ -202,6 +199,7 @@ class TpdoService(Part):
     def _sort(self) -> None:
         """Put each PDO in the list it is served from; nothing is served outside OPERATIONAL."""
         self._every_sync, self._some_syncs, self._by_event = [], [], []
+        self.runs_freely = False
         if self.context.state is not NmtState.OPERATIONAL:
             return
         sent = [pdo for pdo in self.pdos.values() if pdo.map.valid]
@@ -211,6 +209,7 @@ class TpdoService(Part):
         for pdo in sent:
             if pdo.by_event:
                 self._by_event.append(pdo)
+                self.runs_freely |= bool(readings_in(pdo.map))
             elif pdo.map.transmission_type == 1 and not pdo.map.sync_start:
                 flags = LONG if pdo.map.length > CLASSIC_BYTES else 0
                 self._every_sync.append((pdo.map.cob_id, pdo.pack, flags))

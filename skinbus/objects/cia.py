@@ -219,6 +219,7 @@ class EmcyCode(IntEnum):
     RPDO_TIMEOUT = 0x8250
     DEVICE_SPECIFIC = 0xFF00
     NOT_GUARDING = 0xFF01
+    GUARD_TRIPPED = 0xFF02
 
 
 class AbortCode(IntEnum):
@@ -304,6 +305,7 @@ EMCY_WORDS = {
     (EmcyCode.PDO_LENGTH, b""): "PDO too short",
     (EmcyCode.PDO_LENGTH_EXCEEDED, b""): "PDO too long",
     (EmcyCode.SYNC_LENGTH, b""): "SYNC of a wrong length",
+    (EmcyCode.GUARD_TRIPPED, b""): "the guard has tripped: a reading or their sum is above its limit",
     (EmcyCode.RPDO_TIMEOUT, b""): "RPDO did not come in time",
 }
 """Codes, and how their data begins."""

@@ -6,7 +6,8 @@ The limits are one object, written whole, so that a patch never compares with ha
 
 little-endian, in counts as the readings are sent. A sample is beyond them when the reading of a tactel is
 above its limit, or the sum of weight times reading above the sum limit. The guard trips when n of the
-last m samples are. The CRC has the generator 0x1021 and begins with 0, as that of 0x13FF (EN 50325-5).
+last m samples are, the newest among them. The CRC has the generator 0x1021 and begins with 0, as that of
+0x13FF (EN 50325-5).
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class GuardState(IntFlag):
     """Bits of "Guard/State"."""
 
     ARMED = 0x01
-    """Limits are there, every guarded tactel is sampled in time, and none of the last samples has tripped."""
+    """OPERATIONAL, limits are there, all guarded tactels are healthy, and the newest sample is not old."""
     TRIPPED = 0x02
     """A limit was exceeded; stays until it is acknowledged."""
 

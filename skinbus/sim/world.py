@@ -172,8 +172,8 @@ class World(Core):
         self._has_sample[k] = True
 
     def _newest(self, k: int, now_ns: int) -> Sample:
-        """Return what the patches of bus k read: between SYNCs, too, where they run freely."""
-        if self._times and self.hosts[k].runs_freely and now_ns > self._times[-1]:
+        """Return what the patches of bus k read: between SYNCs, too, where they run freely or guard."""
+        if self._times and self.hosts[k].is_scanning and now_ns > self._times[-1]:
             since_s = min(1e-9 * (now_ns - self._times[-1]), 1e-9 * self._period_ns)
             self.sampler.sample((self._scene_s(self.n_samples - 1) + since_s) % self._repeat_s)
             self._sampled_ns = now_ns

@@ -126,8 +126,8 @@ class FirmwareDevice(Core):
     def dropped(self):
         return self.library.library_state(self._at) >> 16
 
-    runs_freely = False
-    """The shipped boards send on SYNC."""
+    runs_freely = guards = False
+    """The shipped boards send on SYNC, and look at their samples by themselves."""
 
     @property
     def cob_ids(self):

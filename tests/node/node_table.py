@@ -40,6 +40,7 @@ from skinbus.objects.cia import (
     NmtState,
 )
 from skinbus.objects.eds import load_eds
+from skinbus.objects.guard import NO_LIMIT, GuardLimits
 from skinbus.objects.profile import SampleStatus
 from tests.firmware.firmware_device import EMPTY, FirmwareDevice, code_of
 
@@ -93,7 +94,8 @@ def load_rows() -> Iterator[Row]:
     """All rows of all files."""
     for path in sorted((Path(__file__).parent / "conformance").glob("*.txt")):
         # the firmware refuses block transfers as commands that it does not know
-        boards = "patch,hosted" if path.stem == "sdo_block" else "patch,hosted,firmware"
+        # and does not guard; whoever has no host is told of no samples
+        boards = {"sdo_block": "patch,hosted", "guard": "hosted"}.get(path.stem, "patch,hosted,firmware")
         for text in path.read_text().split("\n# ")[1:]:
             head, *steps = text.strip().split("\n")
             name, section, *options = (part.strip() for part in head.split("|"))
@@ -145,6 +147,35 @@ class Actions:
 
     def sample(self, *readings) -> None:
         self.bench.sample(readings)
+
+    def halt(self) -> None:
+        self.bench.is_sampling = False
+
+    def resume(self) -> None:
+        self.bench.is_sampling = True
+
+    def limits(
+        self, limit=NO_LIMIT, weight=0, sum=2**31 - 1, n=1, m=1, tactel=0, tactels=16, spoilt=-1
+    ) -> None:
+        """The master writes limits, the same for all tactels or for one; of an answer a refusal is left.
+
+        Without tactels nothing is written, with ``spoilt`` a byte is another one.
+        """
+        is_one = np.arange(1, tactels + 1) == tactel if tactel else np.ones(tactels, bool)
+        limits = np.where(is_one, limit, NO_LIMIT), np.where(is_one, weight, 0)
+        data = bytearray(GuardLimits(n, m, sum, *limits).encode() if tactels else b"")
+        if spoilt >= 0:
+            data[spoilt] ^= 1
+        steps = [f"600+n 21 81 20 00 {len(data):02X} 00 00 00"]
+        for k in range(0, max(len(data), 1), 7):
+            part = data[k : k + 7]
+            head = (k // 7 % 2) << 4 | (7 - len(part)) << 1 | (k + 7 >= len(data))
+            steps.append(f"600+n {head:02X} {part.ljust(7, bytes(1)).hex(' ')}")
+        for step in steps:
+            self.bench.step([self.bench.frame(step)])
+        self.bench.sent = [
+            f for f in self.bench.sent if f.can_id != self.bench.node_id + 0x580 or f.data[0] == 0x80
+        ]
 
     def old(self) -> None:
         self.device.sample_status = SampleStatus.OLD
@@ -214,6 +245,7 @@ class Bench:
         self.is_broken = storage == "broken"
         self.storage = (FLASHES if which == "firmware" else STORAGES)[storage]()
         self.counts = np.zeros(16, np.int32)
+        self.is_sampling = True
         self.reader = Reader(lambda: self.counts, 16, bits=16)
         self.node_id = node_id or DEVICES[which][1]
         self.now_ns = 0
@@ -251,7 +283,8 @@ class Bench:
         self.device.image_view(0x6401, 1, 16)[:] = self.counts
 
     def newest(self, now_ns) -> Sample:
-        self.reader.call(VirtualClock(now_ns))
+        if self.is_sampling:
+            self.reader.call(VirtualClock(now_ns))
         return self.reader.newest(now_ns)
 
     def boot(self) -> None:

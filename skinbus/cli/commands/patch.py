@@ -19,6 +19,7 @@ from skinbus.node import Device, PatchHost
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import frame_bytes
+from skinbus.objects.profile import GUARD_PERIOD_US, has, index_of
 
 
 @click.command()
@@ -58,11 +59,14 @@ def command(
     od = load_eds(eds, node_id)
     patch = describe_patch(od, eds)
     reader = Reader(read, patch.n_tactels, patch.transducer.bits, _say)
+    device = Device(od, node_id, storage={})
+    if has(od, GUARD_PERIOD_US):
+        device.set(*index_of(od, GUARD_PERIOD_US), round(1e6 / rate_hz))
     place = where.places()[0]
     if frame_bytes(od) > CLASSIC_BYTES:
         place = place._replace(data_bitrate=place.bitrate)
     clock, stop = MonotonicClock(), threading.Event()
-    host = Host(PatchHost([Device(od, node_id, storage={})], reader.newest), [place], steady=True)
+    host = Host(PatchHost([device], reader.newest), [place], steady=True)
     echo(f"{eds}: node {node_id} of {counted(patch.n_tactels, 'tactel')} on {place}; Ctrl-C stops")
     # not waited for at the end: it may hang
     threading.Thread(target=reader.run, args=(clock, 1.0 / rate_hz, stop), name="reader", daemon=True).start()
