@@ -26,7 +26,7 @@ from skinbus.config.arm_tables import (
     beside,
     is_path,
 )
-from skinbus.config.guard_tables import GuardTable, check_regions, regions_of
+from skinbus.config.guard_tables import GuardTable, check_regions
 from skinbus.config.placement import Mounting, mount
 from skinbus.config.robot_tables import JointTable, RobotTable, robot_settings
 from skinbus.config.toml_file import find_toml, read_toml
@@ -136,8 +136,8 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     guard = _check(GuardTable, tables["guard"], "guard", faults) if "guard" in tables else None
     if guard:
         node_ids = [] if faults else [mounting.node_id for mounting in mountings]
-        _check_unique("name", [(key, region.name) for key, region in regions_of(guard)], faults)
-        check_regions(guard, named, _names(tables, "link"), node_ids, faults)
+        _check_unique("name", [(key, region.name) for key, region in guard.regions], faults)
+        check_regions(guard, _names(tables, "link"), node_ids, faults)
     return ArmFile(
         path=path,
         name=arm.name if arm else "",

@@ -59,8 +59,7 @@ def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
         arm = Arm(file.name, links, placed, *file.buses, robot=file.robot)
         if file.guard:
             arm.guard = guard_settings(file.guard, arm, faults)
-            placed = list(_with_liveness(arm, arm.guard, ods, file.mountings, faults))
-            arm = Arm(file.name, links, placed, *file.buses, robot=file.robot, guard=arm.guard)
+            arm.patches = tuple(_with_liveness(arm, arm.guard, ods, file.mountings, faults))
             ods = ods_of(arm)
         _check_geometry(arm, file.mountings, faults)
         _check_bus(arm, ods, file.mountings, faults)
@@ -156,19 +155,18 @@ def _with_liveness(
 ) -> Iterator[PlacedPatch]:
     """Yield the patches; those with limits send the state of their guard."""
     for placed, od, mounting, guards in zip(arm.patches, ods, mountings, arm.guarded, strict=True):
-        pdo = liveness_pdo(od)
-        if guards and pdo is None:
-            faults.add(f"{mounting.key}.eds", placed.eds, f"a board with {GUARD_STATE!r} in a TPDO")
-        elif guards and pdo and pdo.cob_id > cia.LAST_PDO_ID:
-            most = placed.node_id - pdo.cob_id + cia.LAST_PDO_ID
-            faults.add(f"{mounting.key}.node_id", placed.node_id, f"at most {most}, as the board is guarded")
-        elif guards and pdo:
-            sets = cia.TPDO_COMMUNICATION + pdo.number - 1
-            own = {
-                f"0x{sets:04X}:{cia.PDO_COB_ID:02X}": pdo.cob_id | cia.COB_ID_NO_RTR,
-                f"0x{sets:04X}:{cia.PDO_EVENT_TIMER:02X}": guard.liveness_ns // 1_000_000,
-            }
-            placed = replace(placed, settings=(*own.items(), *placed.settings))
+        pdo = liveness_pdo(od) if guards else None
+        if pdo and pdo.cob_id <= cia.LAST_PDO_ID:
+            sets = f"0x{cia.TPDO_COMMUNICATION + pdo.number - 1:04X}"
+            own = (
+                (f"{sets}:{cia.PDO_COB_ID}", pdo.cob_id | cia.COB_ID_NO_RTR),
+                (f"{sets}:{cia.PDO_EVENT_TIMER}", guard.liveness_ns // 1_000_000),
+            )
+            yield replace(placed, settings=(*own, *placed.settings))
+            continue
+        if guards:
+            wanted = f"a TPDO for {GUARD_STATE!r}, up to 0x{cia.LAST_PDO_ID:X}: another node-ID or board"
+            faults.add(mounting.key, f"COB-ID 0x{pdo.cob_id:X}" if pdo else None, wanted)
         yield placed
 
 

@@ -20,12 +20,13 @@ from collections.abc import Sequence
 import numpy as np
 from canopen.objectdictionary import ObjectDictionary
 
-from skinbus.arrays import Bools, Floats
+from skinbus.arrays import Floats
 from skinbus.can.event import Event, EventKind
 from skinbus.estimate import Baseline, Plausibility
+from skinbus.estimate.kernels.layout import limit_of
 from skinbus.master.commissioning.sessions import Script
 from skinbus.master.patches.provisioning import write_back
-from skinbus.master.patches.table import Mask, PatchTable
+from skinbus.master.patches.table import PatchTable
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects.cia import EmcyCode
@@ -36,12 +37,10 @@ FOLLOWED = 0.02
 """Share of a limit by which it may be off until it is written anew: gains are not known better."""
 DIFFERENT = 0.05
 """The same from which on a patch is not guarding: what drifts while a rewrite waits for others is less."""
-ROOM_LEAST = 1.0 / FOLLOWED
-"""Counts that a limit counts as, at least, in these shares: what is less than a count is not followed."""
-RETRY_NS = 1_000_000_000
-"""From one rewrite of a patch to the next: one that fails is not repeated at once."""
-NEWS_NS = 1_000_000_000
-"""Between two reports: what comes and goes does not fill the bus."""
+STEPS_LEAST = 1.0 / FOLLOWED
+"""Counts that a limit is taken for, at least, in these shares: less than a count is not followed."""
+LOOK_NS = 1_000_000_000
+"""Between two comparisons: zeros drift in minutes, and what comes and goes does not fill the bus."""
 NAMED = 8
 """Patches that a report names at most."""
 NO_SUM = (1 << 31) - 1
@@ -51,115 +50,103 @@ NO_SUM = (1 << 31) - 1
 class Guarding:
     """Writes the limits of the patches on a bus, one after another, and says which of them do not guard.
 
-    Columns are of the patches or tactels on the bus.
+    Patches have the numbers of the bus, columns are those of the arm.
     """
 
     def __init__(
         self,
         arm: Arm,
-        number: int,
+        own: slice,
         ods: Sequence[ObjectDictionary],
         areas: Floats,
         table: PatchTable,
         baseline: Baseline,
         plausibility: Plausibility,
     ) -> None:
-        """``number`` is that of the bus.
+        """``own`` are the patches on the bus.
 
-        ods:    of all patches
-        areas:  (n_tactels,) m^2 by which pressures are multiplied in a sum
-        table:  of all patches
+        ods:   of all patches
+        areas: (n_tactels,) m^2 by which pressures are multiplied in a sum
+        table: of all patches
         """
         assert arm.guard
-        self._n, self._m = arm.guard.n, arm.guard.m
-        own = arm.patches_on(number)
-        self._table, self._baseline, self._plausibility = table.part(own), baseline, plausibility
-        self._here = here = slice(*arm.patch_start[[own.start, own.stop]].tolist())
-        self._first = arm.patch_start[own] - here.start
-        self._patch = arm.tactel_patch[here] - own.start
-        transducers = [placed.patch.transducer for placed in arm.patches[own]]
-        step, top = ([getattr(t, name) for t in transducers] for name in ("step", "clipped_counts"))
-        self._scale = np.array(step)[self._patch] * arm.tactel_gain[here]
-        self._offset, self._top = arm.tactel_offset[here], np.floor(top)[self._patch]
-        pressure, share = np.full(len(self._patch), np.inf), np.zeros(len(self._patch))
+        self._arm, self._guard, self._own, self._table = arm, arm.guard, own, table
+        self._zero, self._touched, self._faults = (
+            baseline.felt.zero,
+            baseline.felt.touched,
+            plausibility.faults,
+        )
+        steps = np.array([placed.patch.transducer.step for placed in arm.patches])
+        self._scale, self._full = steps[arm.tactel_patch] * arm.tactel_gain, limit_of(arm)
+        # Pa that each tactel may read, and what a pascal on it is of the force that may be
+        self._most, self._share = np.full(arm.n_tactels, np.inf), np.zeros(arm.n_tactels)
         for region in arm.guard.regions:
-            inside = region.tactels[here] & arm.tactel_healthy[here]
-            least, most = region.transient_factor * np.array([region.pressure, region.force])
-            pressure[inside] = np.minimum(pressure[inside], least)
-            share[inside] = np.maximum(share[inside], areas[here][inside] / most)
-        self._room = pressure / self._scale  # counts from the zero to the limit
-        per_count = share * self._scale
-        self._unit = MAX_WEIGHT / np.maximum(np.maximum.reduceat(per_count, self._first), 1e-300)
-        self._weights = np.rint(per_count * self._unit[self._patch])
-        self._is_limited = np.isfinite(pressure) | (self._weights > 0.0)
-        self._guards = self._by_patch(self._is_limited)
-        self._node_ids = arm.node_id[own]
+            inside, factor = region.tactels & arm.tactel_healthy, region.transient_factor
+            np.minimum(self._most, factor * region.pressure, out=self._most, where=inside)
+            np.maximum(self._share, areas / (factor * region.force), out=self._share, where=inside)
+        self._limited = np.isfinite(self._most) | (self._share > 0.0)
         self._address = [index_of(od, GUARD_LIMITS) if has(od, GUARD_LIMITS) else (0, 0) for od in ods[own]]
         self.indices = frozenset(index for index, _ in self._address)
         """Of the objects that hold the limits."""
-        n = len(self._guards)
-        self._held = np.full(len(self._patch), np.nan)  # counts at no pressure when limits were written
-        self._off, self._tried_ns = np.full(n, np.inf), np.zeros(n, np.int64)
-        self._lacking, self._next_ns = np.zeros(n, np.bool_), 0
+        self._held = np.full(arm.n_tactels, np.nan)  # Pa, zeros by which limits were written
+        self._due: list[int] = []
+        self._lacking, self._next_ns = np.zeros(len(self._address), np.bool_), 0
 
     def limits(self, p: int) -> GuardLimits:
         """Return the limits of patch p by its zeros now."""
-        return self._limits(p, self._counts())
-
-    def _counts(self) -> Floats:
-        """Return what tactels read at no pressure, (n_tactels,) counts."""
-        return np.asarray(self._offset + self._baseline.felt.zero[self._here] / self._scale)
-
-    def _limits(self, p: int, counts: Floats) -> GuardLimits:
-        own = self._patch == p
-        zeros, top, room, weights = counts[own], self._top[own], self._room[own], self._weights[own]
-        total = math.floor(min(self._unit[p] + weights @ zeros, weights @ top)) if weights.any() else NO_SUM
-        limits = np.where(np.isfinite(room), np.floor(np.minimum(zeros + room, top)), NO_LIMIT)
-        return GuardLimits(self._n, self._m, total, limits.astype(np.int64), weights.astype(np.int64))
+        columns = self._zero, self._most, self._share, self._full, self._scale, self._arm.tactel_offset
+        here = self._arm.tactels_of(self._own.start + p)
+        zero, most, share, full, scale, offset = (column[here] for column in columns)
+        unit = MAX_WEIGHT / max((share * scale).max(), 1e-300)
+        weights = np.rint(unit * share * scale)
+        total = weights @ offset + min(unit + weights @ (zero / scale), weights @ (full / scale))
+        limits = np.where(np.isfinite(most), offset + np.minimum(zero + most, full) / scale, NO_LIMIT)
+        return GuardLimits(
+            self._guard.n,
+            self._guard.m,
+            math.floor(total) if weights.any() else NO_SUM,
+            np.floor(limits).astype(np.int64),
+            weights.astype(np.int64),
+        )
 
     def write(self, p: int) -> Script[None]:
         """Write the limits of patch p and read them back, if it is to guard."""
-        if self._guards[p]:
-            counts, own = self._counts(), self._patch == p
-            self._held[own] = np.nan
-            yield from write_back("guard limits", *self._address[p], self._limits(p, counts).encode())
-            self._held[own] = counts[own]
+        here = self._arm.tactels_of(self._own.start + p)
+        if self._limited[here].any():
+            zero, self._held[here] = self._zero[here].copy(), np.nan
+            yield from write_back("guard limits", *self._address[p], self.limits(p).encode())
+            self._held[here] = zero
 
-    def due(self, now_ns: int) -> int | None:
-        """Return the patch whose limits are to be written anew, if there is one; none while it is touched."""
-        touched = self._by_patch(self._baseline.felt.touched[self._here] != 0)
-        wanted = self._guards & self._table.is_running & ~(self._off <= FOLLOWED) & ~touched
-        wanted &= now_ns - self._tried_ns >= RETRY_NS
-        if not wanted.any():
-            return None
-        p = int(wanted.argmax())
-        self._tried_ns[p] = now_ns
-        return p
+    def due(self) -> int | None:
+        """Return a patch whose limits are to be written anew, each once."""
+        return self._due.pop() if self._due else None
 
     def show(self, now_ns: int, device: Device) -> list[Event]:
         """Compare limits with zeros; report which patches do not guard, when others do not than before.
 
         ``device`` is the node of the master on the bus.
         """
-        moved = self._counts() - self._held
-        share = np.where(self._is_limited, np.abs(moved) / np.maximum(self._room, ROOM_LEAST), 0.0)
-        total = np.abs(np.add.reduceat(self._weights * moved, self._first)) / self._unit
-        self._off = np.maximum(total, np.maximum.reduceat(share, self._first))
-        is_blind = self._by_patch(self._is_limited & (self._plausibility.faults[self._here] != 0))
-        guards = self._table.is_running & (self._off <= DIFFERENT) & ~is_blind
-        lacking = self._guards & ~guards
-        if now_ns < self._next_ns or np.array_equal(lacking, self._lacking):
+        if now_ns < self._next_ns:
             return []
-        self._lacking, self._next_ns = lacking, now_ns + NEWS_NS
+        self._next_ns = now_ns + LOOK_NS
+        first, own, running = self._arm.patch_start[:-1], self._own, self._table.is_running
+        moved = self._zero - self._held
+        most = np.maximum(self._most, STEPS_LEAST * self._scale)
+        share = np.where(self._limited, np.abs(moved) / most, 0.0)
+        off = np.maximum.reduceat(share, first)
+        off = np.maximum(off, np.abs(np.add.reduceat(self._share * moved, first)))
+        is_held = np.logical_or.reduceat(self._touched != 0, first)
+        is_blind = np.logical_or.reduceat(self._limited & (self._faults != 0), first)
+        late = self._arm.guarded & running & ~(off <= FOLLOWED) & ~is_held
+        self._due = np.flatnonzero(late[own]).tolist()
+        lacking = (self._arm.guarded & ~(running & (off <= DIFFERENT) & ~is_blind))[own]
+        if np.array_equal(lacking, self._lacking):
+            return []
+        self._lacking = lacking
         device.emcy_clear(EmcyCode.NOT_GUARDING)
-        node_ids = self._node_ids[lacking].tolist()
+        node_ids = self._arm.node_id[own][lacking].tolist()
         if not node_ids:
             return [Event(t_ns=now_ns, kind=EventKind.NOT_GUARDING_END)]
         device.emcy(EmcyCode.NOT_GUARDING, data=bytes([node_ids[0], len(node_ids)]))
-        names = [str(node_id) for node_id in node_ids[:NAMED]] + ["..."] * (len(node_ids) > NAMED)
-        detail = f"patches {', '.join(names)}"
+        detail = f"patches {', '.join(map(str, node_ids[:NAMED]))}" + ", ..." * (len(node_ids) > NAMED)
         return [Event(t_ns=now_ns, kind=EventKind.NOT_GUARDING, count=len(node_ids), detail=detail)]
-
-    def _by_patch(self, tactels: Bools) -> Mask:
-        """Return which patches have a tactel of these."""
-        return np.asarray(np.logical_or.reduceat(tactels, self._first))

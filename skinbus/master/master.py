@@ -103,7 +103,7 @@ class Master(Core):
         self.branches = [
             BusMaster(
                 *(arm, k, node_id, plans, self.table, *stages, data_ids),
-                None if areas is None else Guarding(arm, k, ods, areas, self.table, *stages),
+                None if areas is None else Guarding(arm, arm.patches_on(k), ods, areas, self.table, *stages),
                 follows=follows,
             )
             for k, data_ids in enumerate(plan.cob_ids_on)

@@ -95,15 +95,16 @@ class Bench:
         self.baseline, self.plausibility = Baseline(arm), Plausibility(arm)
         self.device = Device(load_eds("skin-master", 127), 127)
         self.guarding = Guarding(
-            arm, 0, ods_of(arm), self.areas, self.table, self.baseline, self.plausibility
+            arm, slice(0, 3), ods_of(arm), self.areas, self.table, self.baseline, self.plausibility
         )
 
     def shown(self, s):
         """What is said of the guard at a time."""
         return news(self.guarding.show(round(s * 1e9), self.device))
 
-    def due(self, s):
-        return self.guarding.due(round(s * 1e9))
+    @property
+    def due(self):
+        return self.guarding.due()
 
     def write(self, p):
         """Let a patch take its limits; return what was written."""
@@ -121,7 +122,7 @@ class Bench:
         for p in (0, 1):
             assert self.write(p) == self.guarding.limits(p).encode()
         assert self.shown(2) == [(EventKind.NOT_GUARDING_END, "")]
-        assert self.due(2) is None
+        assert self.due is None
 
 
 def is_beyond(limits, readings):
@@ -245,16 +246,16 @@ def test_a_touched_patch_is_not_written_and_says_that_it_does_not_guard(tmp_path
     bench.run()
     zero, touched = bench.baseline.felt.zero, bench.baseline.felt.touched
     zero[7] = 0.9 * FOLLOWED * 70e3
-    assert (bench.shown(4), bench.due(4)) == ([], None)
+    assert (bench.shown(4), bench.due) == ([], None)
     zero[7], touched[3] = 1.1 * FOLLOWED * 70e3, 1
-    assert (bench.shown(5), bench.due(5)) == ([], None)
+    assert (bench.shown(5), bench.due) == ([], None)
     zero[7] = 1.1 * DIFFERENT * 70e3
     assert bench.shown(6) == [(EventKind.NOT_GUARDING, "patches 1")]
     touched[3] = 0
-    assert bench.due(6) == 0
-    assert bench.due(6.5) is None
+    assert bench.shown(7) == []
+    assert (bench.due, bench.due) == (0, None)
     bench.write(0)
-    assert bench.shown(7) == [(EventKind.NOT_GUARDING_END, "")]
+    assert bench.shown(8) == [(EventKind.NOT_GUARDING_END, "")]
 
 
 def test_a_guarded_tactel_that_is_not_plausible_does_not_guard(tmp_path):
@@ -270,7 +271,7 @@ def test_a_patch_that_does_not_run_does_not_guard(tmp_path):
     bench = Bench(tmp_path)
     bench.run()
     bench.table.state[0] = PatchState.BOOTING
-    assert (bench.shown(4), bench.due(4)) == ([(EventKind.NOT_GUARDING, "patches 1")], None)
+    assert (bench.shown(4), bench.due) == ([(EventKind.NOT_GUARDING, "patches 1")], None)
 
 
 def test_a_patch_that_does_not_hold_its_limits_is_not_started(files):
