@@ -25,7 +25,7 @@ from skinbus.bus.socketcan_batch import raise_receive_buffer
 from skinbus.bus.udp_multicast import MulticastBus
 from skinbus.can.clock import Clock
 from skinbus.can.core import receives
-from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, CobIds, Frame, FrameBatch, Frames
+from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, MAX_DATA, RTR, CobIds, Frame, FrameBatch, Frames
 from skinbus.errors import BusError
 
 DEFAULT_INTERFACE = "socketcan"
@@ -232,7 +232,7 @@ def _raise_receive_buffer(bus: can.BusABC) -> None:
 
 def _to_frame(message: can.Message, t_ns: int) -> Frame:
     """The frame in a message."""
-    flags, data = EXTENDED if message.is_extended_id else 0, bytes(message.data or b"")
+    flags, data = EXTENDED if message.is_extended_id else 0, bytes(message.data or b"")[:MAX_DATA]
     if message.is_remote_frame:
         flags, data = flags | RTR, bytes(message.dlc)
     elif message.is_error_frame:

@@ -4,8 +4,6 @@ A line is ``(seconds.microseconds) channel frame``; the frame is ``123#0011`` wi
 ``00000123#0011`` with a 29-bit one, ``123#R`` or ``123#R4`` for a remote frame, ``123##1AABB`` for CAN FD
 (1 bit rate switch, 2 error state) and ``20000080#...`` for an error frame. Nothing is written after the data:
 Wireshark does not open files with a direction suffix. Source: can-utils, lib.h.
-
-What candump shows on a screen with ``-ta`` or ``-tz`` is read too.
 """
 
 from __future__ import annotations
@@ -32,7 +30,7 @@ MAX_STRANGE = 1000
 """Lines without a single frame before them, after which a file is no recording."""
 
 LONGEST_LINE = 1024
-"""Characters; a screen line of 64 bytes has 300. What is longer is no line of a recording."""
+"""Characters; a line of 64 bytes has 200. What is longer is no line of a recording."""
 
 _ERROR_MARK = 0x2000_0000
 _LOG = re.compile(
@@ -41,12 +39,8 @@ _LOG = re.compile(
     r"(?: [RT])?\s*",  # the direction of candump -x and python-can is read, never written
     re.IGNORECASE,
 )
-_SCREEN = re.compile(
-    r"\s*\((\d{1,10})\.(\d{1,9})\)\s+(\S+)\s+(?:[RT]X ([B-]) ([E-])\s+)?([0-9A-F]{3}|[0-9A-F]{8})\s+"
-    r"\[(\d{1,2})\]((?: +[0-9A-F]{2})*)(?: +(remote request|ERRORFRAME|'.*'))?\s*"
-)
 _DROPPED = re.compile(r"DROPCOUNT: dropped (\d{1,10}) CAN frames? on .*\s*")
-_WANTED = "(seconds.microseconds) channel identifier#data, as candump -L writes it"
+_WANTED = "(seconds.microseconds) channel identifier#data, as candump -l and -L write it"
 
 
 def format_line(frame: Frame, *, channel: str = DEFAULT_CHANNEL, wall_ns: int | None = None) -> str:
@@ -68,29 +62,17 @@ def format_line(frame: Frame, *, channel: str = DEFAULT_CHANNEL, wall_ns: int | 
 
 def parse_line(line: str) -> tuple[Frame, str]:
     """The frame and the channel of a line; raises ValueError if it is none."""
-    if match := _LOG.fullmatch(line):
-        seconds, fraction, channel, name, remote, fd, digits = match.groups()
-        flags = 0
-        if fd:
-            bits = int(fd[1], 16)
-            flags = FD | (BRS if bits & 1 else 0) | (ESI if bits & 2 else 0)
-        if remote:
-            flags, data = RTR, bytes(int(remote[1:] or 0))
-        elif len(digits) % 2:
-            raise ValueError(f"got {len(digits)} digits; wanted two for each byte")
-        else:
-            data = bytes.fromhex(digits)
-    elif match := _SCREEN.fullmatch(line):
-        seconds, fraction, channel, brs, esi, name, length, digits, what = match.groups()
-        flags = FD if len(length) == 2 else 0
-        flags |= (BRS if brs == "B" else 0) | (ESI if esi == "E" else 0)
-        data = bytes.fromhex(digits)
-        if what == "remote request":
-            flags, data = RTR, bytes(int(length))
-        if len(data) != int(length):
-            raise ValueError(f"got {len(data)} bytes; wanted {length}")
-    else:
+    if not (match := _LOG.fullmatch(line)):
         raise ValueError(f"got {line.strip()[:80]!r}; wanted {_WANTED}")
+    seconds, fraction, channel, name, remote, fd, digits = match.groups("")
+    if len(digits) % 2:
+        raise ValueError(f"got {len(digits)} digits; wanted two for each byte")
+    flags, data = 0, bytes.fromhex(digits)
+    if fd:
+        bits = int(fd[1], 16)
+        flags = FD | (BRS if bits & 1 else 0) | (ESI if bits & 2 else 0)
+    if remote:
+        flags, data = RTR, bytes(int(remote[1:] or 0))
     longest = MAX_DATA if flags & FD else CLASSIC_BYTES
     if len(data) > longest:
         raise ValueError(f"got {len(data)} bytes; wanted at most {longest}")

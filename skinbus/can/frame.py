@@ -85,29 +85,13 @@ class FrameBatch:
         self.t_ns[:left] = self.t_ns[n : n + left].copy()
         self.n = left
 
-    def append(self, frame: Frame) -> bool:
-        """Add one frame; False when the batch is full or the frame too long (nothing is added)."""
-        length = len(frame.data)
-        if self.n >= len(self.frames) or length > MAX_DATA:
-            return False
-        row = self.frames[self.n]
-        row["can_id"] = frame.can_id
-        row["length"] = length
-        row["flags"] = frame.flags
-        row["bus"] = frame.bus
-        row["data"][:length] = np.frombuffer(frame.data, np.uint8)
-        self.t_ns[self.n] = frame.t_ns
-        self.n += 1
-        return True
-
-    def extend(self, frames: Frames) -> int:
-        """Add frames in bulk; return how many fitted. From the first that does not fit on, none is added."""
-        n = min(len(frames), len(self.frames) - self.n)
-        n = next((i for i, frame in enumerate(frames[:n]) if len(frame.data) > MAX_DATA), n)
+    def extend(self, frames: Frames) -> None:
+        """Add frames, for which there is room, in bulk."""
+        n = len(frames)
         if n == 0:
-            return 0
+            return
         rows = self.frames[self.n : self.n + n]
-        can_id, data, t_ns, flags, bus = zip(*frames[:n], strict=True)
+        can_id, data, t_ns, flags, bus = zip(*frames, strict=True)
         rows["can_id"], rows["flags"], rows["bus"] = can_id, flags, bus
         rows["length"] = [len(d) for d in data]
         width = max(1, *map(len, data))
@@ -115,10 +99,3 @@ class FrameBatch:
         rows["data"][:, :width] = np.frombuffer(padded, np.uint8).reshape(n, width)
         self.t_ns[self.n : self.n + n] = t_ns
         self.n += n
-        return n
-
-    def __iter__(self) -> Any:
-        for i in range(self.n):
-            row = self.frames[i]
-            data = row["data"][: row["length"]].tobytes()
-            yield Frame(int(row["can_id"]), data, int(self.t_ns[i]), int(row["flags"]), int(row["bus"]))

@@ -163,7 +163,7 @@ def _check_times(name: str, head: Sequence[tuple[Frame, str]]) -> None:
     n_back = int((np.diff([frame.t_ns for frame, _ in head]) < 0).sum())
     if n_back > MOST_BACK * len(head):
         seen = f"{n_back} of {len(head)} go back"
-        raise ConfigError(name, [Fault("times", seen, "times of frames, as of candump -l, -ta or -tz")])
+        raise ConfigError(name, [Fault("times", seen, "times of frames, as of candump -l")])
 
 
 def _buses_of(arm: Arm, channels: Sequence[str], seen: Mapping[str, int], log: str) -> dict[str, int]:

@@ -117,19 +117,11 @@ TIMES_US = [171891, 212621, 244041, 272439, 298566, 316264, 329746, 343160, 3568
 TIMES_US += [398232, 411741]
 
 
-@pytest.mark.parametrize("name", ["l.log", "L-x.txt", "ta.txt", "ta-x-a.txt", "tz.txt"])
-def test_what_candump_writes_is_read_whatever_its_options(name):
-    both = name in ("l.log", "ta.txt")  # the others were on vcan0 only
-    says_switch = name in ("l.log", "L-x.txt", "ta-x-a.txt")  # of the bit rate
-    begin_us = -TIMES_US[0] if name == "tz.txt" else 1_795_263_452_000_000
+@pytest.mark.parametrize("name", ["l.log", "L-x.txt"])
+def test_logs_of_candump_are_read(name):
+    both = name == "l.log"  # the other was on vcan0 only
     wanted = [
-        (
-            frame._replace(
-                t_ns=(begin_us + t_us) * US,
-                flags=frame.flags if says_switch else frame.flags & ~(BRS | ESI),
-            ),
-            "vcan1" if k in ON_VCAN1 else "vcan0",
-        )
+        (frame._replace(t_ns=(1_795_263_452_000_000 + t_us) * US), "vcan1" if k in ON_VCAN1 else "vcan0")
         for k, (frame, t_us) in enumerate(zip(LOGGED, TIMES_US, strict=True))
         if both or k not in ON_VCAN1
     ]

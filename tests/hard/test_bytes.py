@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from skinbus.bus.socketcan_batch import to_frames
 from skinbus.can.frame import FrameBatch
 from skinbus.config.system import load_arm, ods_of
 from skinbus.estimate import LEVELS, Estimator
@@ -49,7 +50,7 @@ def test_any_bytes_on_the_wire_give_sound_contacts_and_tracks(name, n_cycles, ze
         t_ns += PERIOD_NS if n < 0 else int(rng.choice([PERIOD_NS, 0, -PERIOD_NS, 10**9, 1]))
         batch = FrameBatch(plan.n_frames)
         pack(plan, np.clip(next(shown), -full - 1, full).astype(np.int32), batch, t_ns)
-        frames = [frame for frame in batch if n < 0 or rng.random() > 0.01]
+        frames = [frame for frame in to_frames(batch) if n < 0 or rng.random() > 0.01]
         batch.n = 0
         batch.extend([frames[i] for i in rng.permutation(len(frames))])
         gather.freshness.answers.due[:] = 1

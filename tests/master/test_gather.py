@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from skinbus.bus.socketcan_batch import to_frames
 from skinbus.can.frame import FrameBatch
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master.freshness import Freshness
@@ -22,7 +23,7 @@ def test_every_frame_is_accepted_or_lost_once():
 
     def take(first, last):
         batch = FrameBatch(4)
-        batch.extend(list(four)[first:last])
+        batch.extend(to_frames(four)[first:last])
         gather.take(batch)
 
     gather.open(0, np.array([True]))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from skinbus.bus.socketcan_batch import to_frames
 from skinbus.can import frame as bus_frame
 from skinbus.can.frame import ERROR, EXTENDED, FD, RTR, Frame, FrameBatch
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
@@ -24,8 +25,7 @@ def expected_node(eds, node_ids=(1,), n=(4, 4)):
 
 def batch_of(*frames):
     batch = FrameBatch(max(8, len(frames)))
-    for frame in frames:
-        assert batch.append(frame)
+    batch.extend(frames)
     return batch
 
 
@@ -107,7 +107,7 @@ def test_readings_of_can_fd_and_their_stamps_are_long_frames_both_ways(eds, n, f
     stamps = rng.integers(0, 256, (plan.n_frames, 4), np.uint8) * plan.stamped
     batch = FrameBatch(len(frames))
     assert pack(plan, counts, batch, stamps=stamps) == len(frames)
-    assert [(frame.can_id, len(frame.data), frame.flags) for frame in batch] == frames
+    assert [(frame.can_id, len(frame.data), frame.flags) for frame in to_frames(batch)] == frames
     back, seen, stamps_back = np.zeros_like(counts), np.zeros(2, np.int32), plan.new_stamps()
     assert plan.unpack(batch, back, seen, stamps=stamps_back) == (len(frames), 0, 0)
     assert_array_equal(back, counts)
