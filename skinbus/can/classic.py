@@ -11,12 +11,12 @@ END_BITS = 10
 INTERFRAME_BITS = 3
 
 
-def worst_case_bits(length: int, *, extended: bool = False) -> int:
-    """Bit times of a data frame with ``length`` bytes and as many stuff bits as can be.
+def worst_case_bits(length: int) -> int:
+    """Bit times of a data frame with 11-bit identifier and ``length`` bytes and as many stuff bits as can be.
 
     Source: Davis, Burns, Bril, Lukkien, "Controller Area Network schedulability analysis", 2007, eq. 1-2.
     """
     if not 0 <= length <= MAX_DATA:
         raise ValueError(f"length is {length}; wanted 0..{MAX_DATA}")
-    stuffable = (EXTENDED_HEADER_BITS if extended else HEADER_BITS) + 8 * length + CRC_BITS
+    stuffable = HEADER_BITS + 8 * length + CRC_BITS
     return stuffable + (stuffable - 1) // 4 + END_BITS + INTERFRAME_BITS

@@ -30,10 +30,8 @@ class Core:
     A core overrides ``step`` and what else it needs; by default it is on one bus and receives nothing.
     """
 
-    @property
-    def n_buses(self) -> int:
-        """Number of buses that the core is on; its frames carry the number of theirs, from 0."""
-        return 1
+    n_buses: int = 1
+    """Buses that the core is on; frames say which by ``bus``."""
 
     @property
     def cob_ids(self) -> CobIds | None:

@@ -28,8 +28,6 @@ class EventKind(StrEnum):
     BABBLING = "babbling"
     """A node sends ``count`` frames a second under ``cob_id``, more than half of all."""
     BABBLING_END = "babbling-end"
-    COLLISION = "collision"
-    """Several nodes sent different frames with one identifier at once."""
 
     DROPPED = "dropped"
     """A node received a frame that breaks a rule, and ignored it."""

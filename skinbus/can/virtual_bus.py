@@ -17,7 +17,7 @@ from skinbus.can.arbitration import BUS_OFF, COLLISION_BITS, ERROR_PENALTY, arbi
 from skinbus.can.classic import INTERFRAME_BITS
 from skinbus.can.clock import VirtualClock
 from skinbus.can.core import NEVER, Core, DataQueue, receives
-from skinbus.can.event import Event, EventKind
+from skinbus.can.event import Event
 from skinbus.can.fd import worst_case_bits
 from skinbus.can.frame import BRS, FD, Frame, Frames
 from skinbus.can.wire_bits import classic_bits, fault
@@ -45,7 +45,7 @@ class Port:
         self.index = index
         self.core = core
         self.on_event = on_event
-        self.cob_ids = core.cob_ids
+        self.cob_ids = core.cob_ids_on(0)
         self.data = DataQueue(core)
         self.data_ids = core.data_ids_on(0)
         self.wake_ns = NEVER
@@ -75,13 +75,8 @@ class VirtualBus:
         *,
         data_bitrate: int | None = None,
         clock: VirtualClock | None = None,
-        on_event: OnEvent | None = None,
     ) -> None:
-        """An empty bus.
-
-        data_bitrate that of the data phase of CAN FD; None for a bus of classic CAN
-        on_event     gets events of the wire itself, and the events of cores without an own listener
-        """
+        """An empty bus; ``data_bitrate`` is that of the data phase of CAN FD, None for classic CAN."""
         if not 0 < bitrate <= MAX_BITRATE:
             raise ValueError(f"bitrate is {bitrate}; wanted 1..{MAX_BITRATE}")
         if data_bitrate is not None and data_bitrate < bitrate:
@@ -94,7 +89,6 @@ class VirtualBus:
         self.n_collisions = 0
         self._ns_of_bits = [round(bits * 1_000_000_000 / bitrate) for bits in range(_LONGEST_BITS)]
         self._now_ns = self.clock.now_ns()
-        self._on_event = on_event
         self._taps: tuple[Tap, ...] = ()
         self._listeners: dict[tuple[int, int], tuple[Port, ...]] = {}  # by identifier and flags
         self._wakes: list[tuple[int, int]] = []  # heap of (time, port); an entry may be outdated
@@ -110,7 +104,7 @@ class VirtualBus:
 
     def attach(self, core: Core, *, on_event: OnEvent | None = None) -> Port:
         """Put a core on the bus; it is woken at once when the wire next runs."""
-        port = Port(len(self.ports), core, on_event or self._on_event)
+        port = Port(len(self.ports), core, on_event)
         self.ports.append(port)
         self._listeners.clear()
         self._wake(port, self._now_ns)
@@ -195,8 +189,8 @@ class VirtualBus:
 
     def _follow(self, port: Port) -> None:
         """Listen to what the core listens to now."""
-        if port.core.cob_ids is not port.cob_ids:
-            port.cob_ids = port.core.cob_ids
+        if (cob_ids := port.core.cob_ids_on(0)) is not port.cob_ids:
+            port.cob_ids = cob_ids
             self._listeners.clear()
 
     def _queue(self, port: Port, frames: Frames) -> None:
@@ -227,19 +221,16 @@ class VirtualBus:
             del self._queues[key]
         if failed:
             self.n_collisions += 1
-            detail = f"COB-ID 0x{contenders[0][1].can_id:X} from {len(contenders)} ports"
-            self._report(now_ns, EventKind.COLLISION, detail)
             self._free_ns = now_ns + self._ns_of_bits[COLLISION_BITS]
             for i in failed:
-                self._count_error(contenders[i][0], now_ns)
+                self._count_error(contenders[i][0])
         if self._flight:
             end_ns, duration_ns = self._frame_ns(self._flight[0][1])
             self._flight_end_ns, self._free_ns = now_ns + end_ns, now_ns + duration_ns
 
-    def _count_error(self, port: Port, now_ns: int) -> None:
+    def _count_error(self, port: Port) -> None:
         port.error_counter += ERROR_PENALTY
         if port.bus_off:
-            self._report(now_ns, EventKind.BUS_OFF, f"port {port.index}")
             self._drop_waiting(port)
             self._listeners.clear()
 
@@ -291,7 +282,3 @@ class VirtualBus:
             self._queues[key] = kept
             if not kept:
                 del self._queues[key]
-
-    def _report(self, now_ns: int, kind: EventKind, detail: str) -> None:
-        if self._on_event:
-            self._on_event(Event(t_ns=now_ns, kind=kind, detail=detail))

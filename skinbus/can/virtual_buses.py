@@ -74,8 +74,7 @@ class _Plug(Core):
         self._number = number
         self._has_data = False
 
-    @property
-    def cob_ids(self) -> CobIds | None:
+    def cob_ids_on(self, bus: int) -> CobIds | None:
         """Identifiers that the core receives."""
         return self._waker.core.cob_ids_on(self._number)
 

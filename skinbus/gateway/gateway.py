@@ -37,6 +37,8 @@ class Gateway(Core):
             or a board has another number of tactels than the format. All faults are listed.
     """
 
+    n_buses = 2
+
     def __init__(self, found: FrameFormat, arm: Arm, ods: Sequence[ObjectDictionary]) -> None:
         self._format = found
         mine = [k for k, placed in enumerate(arm.patches) if placed.address is not None]
@@ -52,19 +54,9 @@ class Gateway(Core):
         self._start_ns = self._judge_ns = -1
 
     @property
-    def n_buses(self) -> int:
-        """CANopen first, then the skin."""
-        return 2
-
-    @property
     def n_foreign(self) -> int:
         """Frames on the bus of the skin that are of no patch."""
         return self._receiver.n_foreign
-
-    @property
-    def cob_ids(self) -> CobIds:
-        """Identifiers that the patches listen to."""
-        return self._host.cob_ids
 
     def cob_ids_on(self, bus: int) -> CobIds | None:
         """Identifiers received on a bus."""

@@ -102,6 +102,7 @@ class Guard(Core):
         self.contacts: RegionForces | None = None
         """The newest, None while there are none; another thread sets it."""
         self._settings, self._stops, self._acknowledges = settings, stops, acknowledges
+        self.n_buses = len(arm.buses)
         self._now_ns = self._say_ns = 0
         self._said = ""
         self._events: list[Event] = []
@@ -129,18 +130,8 @@ class Guard(Core):
             heard[bus].add(cob_id)
         self._cob_ids = [*map(frozenset, heard)]
 
-    @property
-    def n_buses(self) -> int:
-        """Those of the arm."""
-        return len(self._cob_ids)
-
-    @property
-    def cob_ids(self) -> frozenset[int]:
-        """GFC, liveness and EMCY of the patches, heartbeat of the master, answers to what is written."""
-        return self._cob_ids[0]
-
     def cob_ids_on(self, bus: int) -> frozenset[int]:
-        """The same on each bus."""
+        """GFC, liveness and EMCY of the patches, heartbeat of the master, answers to what is written."""
         return self._cob_ids[bus]
 
     @property

@@ -1,4 +1,4 @@
-"""Health of each tactel over months: noise, zero, touches and faults since the board was commissioned.
+"""Health of each tactel over months: noise, zero and faults since the board was commissioned.
 
 A board is commissioned when it is first seen with its serial number and calibration; another board, or new
 gains, begin anew. References are taken after enough samples. Compared with them are
@@ -27,7 +27,7 @@ Records = npt.NDArray[np.void]
 
 NAMES = (
     *("noise", "noise_first", "zero", "zero_first"),  # NaN until they are known
-    *("samples", "touches", "faults"),  # how often it was sampled and touched, and became implausible
+    *("samples", "faults"),  # how often it was sampled, and became implausible
     "seen",  # bits of ``TactelFault`` that it ever had
     "serial",  # number of its board, 0 for not known
 )
@@ -63,7 +63,6 @@ class Health:
         self._arm = arm = cycle.arm
         self._cycle = cycle
         self.records = new_records(arm.n_tactels)
-        self._touched = np.zeros(arm.n_tactels, np.bool_)
         self._faulty = np.zeros(arm.n_tactels, np.bool_)
         self._next_ns = 0
         self._serials = np.zeros(arm.n_patches, np.int64)
@@ -77,9 +76,6 @@ class Health:
             is_new = (serial != 0) & (serial != w["serial"])
             w[is_new & (w["serial"] != 0)] = new_records(1)
             w["serial"][is_new] = serial[is_new]
-        touched = self._cycle.baseline.felt.touched != 0
-        w["touches"] += touched & ~self._touched
-        self._touched = touched
         faults = self._cycle.plausibility.faults
         faulty = faults != 0
         begun = faulty & ~self._faulty

@@ -109,6 +109,7 @@ class Master(Core):
             for k, data_ids in enumerate(plan.cob_ids_on)
         ]
         """By bus."""
+        self.n_buses = len(self.branches)
         self._follows = follows
         self._contest = None if number is None else Contest(node_id, number, len(arm.buses))
         self.publisher = Publisher(arm, [branch.device for branch in self.branches])
@@ -135,19 +136,9 @@ class Master(Core):
         return self.branches[0].device
 
     @property
-    def n_buses(self) -> int:
-        """On how many buses the arm is."""
-        return len(self.branches)
-
-    @property
     def gave_way(self) -> BusError | None:
         """Why it is silent, when another master has the bus."""
         return self._contest.error if self._contest else None
-
-    @property
-    def cob_ids(self) -> frozenset[int]:
-        """Identifiers the master listens to on the first bus."""
-        return self.branches[0].cob_ids
 
     def cob_ids_on(self, bus: int) -> frozenset[int]:
         """Identifiers the master listens to on a bus."""

@@ -105,14 +105,12 @@ class Replay:
         *,
         sync_bus: int | None = 0,
         on_cycle: Callable[[CycleReport], None] = lambda report: None,
-        on_frames: Callable[[Sequence[Frame]], object] = lambda frames: None,
         on_event: Callable[[Event], object] = lambda event: None,
         **settings: Any,
     ) -> None:
         """Begin.
 
         sync_bus:  whose SYNCs are followed; None: those of the bus on which the first one comes
-        on_frames: called with what the master sends
         on_event:  called with what it detects
         settings:  of the master: level, node_id, zero_at_start
         """
@@ -122,7 +120,6 @@ class Replay:
         self.sync_stamp_ns = 0
         """When the open cycle began, as the recording says it."""
         self._sync_bus = sync_bus
-        self._on_frames = on_frames
         self._on_event = on_event
         self._data_ids = [master.data_ids_on(k) for k in range(master.n_buses)]
         self._data = DataQueue(master)
@@ -187,6 +184,5 @@ class Replay:
         step = self.master.step(now_ns, frames)
         self._stepped_ns = now_ns
         self._wake_ns = max(step.wake_ns, now_ns + 1)
-        self._on_frames(step.frames)
         for event in step.events:
             self._on_event(event)

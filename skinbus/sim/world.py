@@ -83,6 +83,7 @@ class World(Core):
         self._counts: list[Ints32] = []
         """Of each bus."""
         self._healthy = np.ones(arm.n_tactels, np.bool_)
+        self.n_buses = len(self.hosts)
         self.devices = [device for host in self.hosts for device in host.devices]
         self.cores: list[Core] = [
             self._with_effects(host, bus) for host, bus in zip(self.hosts, on_buses, strict=True)
@@ -92,16 +93,6 @@ class World(Core):
         self._period_ns = round(1e9 / arm.bus.rate_hz)
         self.on_sample: Callable[[int, float], None] | None = None
         """Called with bus time (ns) and scene time (s) when a sample is taken."""
-
-    @property
-    def n_buses(self) -> int:
-        """On how many buses there are patches."""
-        return len(self.hosts)
-
-    @property
-    def cob_ids(self) -> CobIds:
-        """Identifiers that any device on the first bus listens to."""
-        return self.hosts[0].cob_ids
 
     def cob_ids_on(self, bus: int) -> CobIds:
         """Identifiers that any device on a bus listens to."""

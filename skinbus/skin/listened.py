@@ -91,6 +91,7 @@ class ListenCore(Core):
     def __init__(self, arm: Arm, node_id: int, feed: Feed, *, readings: bool = False) -> None:
         self._arm, self._node_id = arm, node_id
         self._feed = feed
+        self.n_buses = len(arm.buses)
         self._listener = listener = Listener(node_id)
         self._seen_ns = np.zeros(profile.MAX_CONTACTS, np.int64)
         self._number = self._n_read = 0
@@ -116,16 +117,6 @@ class ListenCore(Core):
         self._ids = [frozenset(np.flatnonzero(sent_by >= 0).tolist()) | others for sent_by in self._sent_by]
         self.requests: deque[Request] = deque()
         """What the program asks for."""
-
-    @property
-    def n_buses(self) -> int:
-        """On how many buses the arm is."""
-        return len(self._arm.buses)
-
-    @property
-    def cob_ids(self) -> CobIds:
-        """Identifiers received on the first bus."""
-        return self._ids[0]
 
     def cob_ids_on(self, bus: int) -> CobIds:
         """Identifiers received on a bus."""

@@ -69,9 +69,8 @@ class Wrapped(Core):
     def __init__(self, device):
         self.device = device
 
-    @property
-    def cob_ids(self):
-        return self.device.cob_ids
+    def cob_ids_on(self, bus):
+        return self.device.cob_ids_on(bus)
 
     def step(self, now_ns, frames):
         return self.device.step(now_ns, frames)

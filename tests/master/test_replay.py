@@ -24,12 +24,26 @@ def contacts_in(frames):
     return [(frame.can_id, frame.data) for frame in frames if frame.can_id in CONTACT_IDS]
 
 
+def sent_by(replay):
+    """The frames that its master sends from now on."""
+    sent, step = [], replay.master.step
+
+    def tapped(*arguments):
+        answer = step(*arguments)
+        sent.extend(answer.frames)
+        return answer
+
+    replay.master.step = tapped
+    return sent
+
+
 class Again:
     """A recording gone through: the cycles, and the contacts that were sent."""
 
     def __init__(self, arm, frames, **settings):
-        self.reports, sent = [], []
-        self.replay = Replay(arm, on_cycle=self.reports.append, on_frames=sent.extend, **settings)
+        self.reports = []
+        self.replay = Replay(arm, on_cycle=self.reports.append, **settings)
+        sent = sent_by(self.replay)
         for frame in frames:
             self.replay.take(frame)
         self.replay.end()
@@ -80,8 +94,8 @@ def test_contacts_on_two_buses_are_made_again_from_one_recording(tmp_path):
     rig.run(1000)
     both = [frame._replace(bus=bus) for bus, frames in enumerate(rig.frames) for frame in frames]
     both.sort(key=lambda frame: frame.t_ns)
-    sent = []
-    replay = Replay(rig.scene.arm, on_frames=sent.extend)
+    replay = Replay(rig.scene.arm)
+    sent = sent_by(replay)
     for frame in recorded(both):
         replay.take(frame)
     replay.end()

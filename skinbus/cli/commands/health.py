@@ -33,7 +33,7 @@ STATE = Path("/var/lib/skinbus/state")
 def command(arm: str, state: Path) -> None:
     """Show how the tactels of ARM have changed since they were commissioned, and what to do.
 
-    A master that runs with --state records noise, zero, touches and faults of each tactel. Each board is
+    A master that runs with --state records noise, zero and faults of each tactel. Each board is
     compared with its state at commissioning, when the master first read its serial number and calibration.
 
     Status 0: nothing to do, or not commissioned yet. 1: findings. 2: no such arm, or no health.

@@ -143,7 +143,7 @@ class Piezoresistive(Effect):
     """The curve of tactel and circuit, right at zero and at full scale.
 
     Conductance grows with force. An inverting amplifier is proportional to it, a divider with a load resistor
-    is not: with k the load resistor over the tactel's resistance at full scale,
+    is not: with k, ``load_ratio``, the load resistor over the tactel's resistance at full scale,
 
         y = p (1 + k) / (1 + k p / full scale).
 
@@ -152,14 +152,13 @@ class Piezoresistive(Effect):
     Sensors, 6.2.
     """
 
-    circuit: Literal["divider", "inverting"] = parameter("divider", "", "what turns conductance into voltage")
-    load_ratio: float = parameter(0.3, "", "load resistor over resistance at full scale; divider", ge=0)
+    load_ratio: float = parameter(0.3, "", "load resistor over resistance at full scale; 0: inverting", ge=0)
     # FlexiForce A201 datasheet and user manual rev. G, p. 13: linear within +-3 % of full scale
     linearity: float = parameter(0.03, "", "largest bend, as a share of full scale", ge=0, le=0.2)
 
     def bind(self, arm: Arm, rng: Rng) -> PressureStep:
         """Return ``step(pressures, t_s) -> pressures``."""
-        ratio = self.load_ratio if self.circuit == "divider" else 0.0
+        ratio = self.load_ratio
         bend = 4.0 * self.linearity * rng.uniform(-1.0, 1.0, arm.n_tactels)
         full_scale = _of_boards(arm, [placed.patch.transducer.full_scale for placed in arm.patches])
 
