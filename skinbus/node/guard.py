@@ -50,7 +50,7 @@ class GuardService(Part):
         self._said = self._state, self._tripped_by = GuardState(0), 0
         self._age_ns: int | None = None
         """Of a sample that is not yet looked at."""
-        self._sampled_ns = 0
+        self._sampled_ns = -NEVER
         self._is_new = False
         self._beyond = 0
         """Bit k: whether sample k before the newest was beyond a limit."""
