@@ -26,7 +26,7 @@ def pack(plan, counts, batch, t_ns=0, stamps=None):
             for column in np.flatnonzero(plan.stamped[pdo]):
                 data[plan._stamp[pdo, column]] = stamps[pdo, column]
         flags = LONG if n > CLASSIC_BYTES else 0
-        batch.append(Frame(int(cob_id), bytes(data), t_ns, flags, int(bus)))
+        batch.extend([Frame(int(cob_id), bytes(data), t_ns, flags, int(bus))])
     return plan.n_frames
 
 
