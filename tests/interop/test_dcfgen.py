@@ -10,7 +10,7 @@ from skinbus.can.frame import Frame
 from skinbus.node import Device
 from skinbus.objects.cia import NmtCommand
 from skinbus.objects.eds import load_eds
-from tests.lely import for_lely
+from tests.lely import dcfchk, for_lely
 from tests.master.sdo_reads import read, write
 
 MASTER = 127
@@ -78,11 +78,8 @@ def generated(tmp_path_factory):
     return folder
 
 
-def test_generated_master_is_clean_under_dcfchk(generated):
-    run = subprocess.run(
-        [sys.executable, "-m", "dcf.cli", "-n", str(MASTER), generated / "master.dcf"],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+def test_generated_master_is_clean_under_dcfchk(generated, tmp_path):
+    run = dcfchk(generated / "master.dcf", tmp_path, MASTER)
     assert (run.returncode, run.stdout) == (0, "")
 
 

@@ -4,13 +4,12 @@ import os
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
 
 from skinbus.skin import compile_ahead
-from tests.cli.patience import PATIENCE_S
+from tests.cli.patience import PATIENCE_S, wait_until
 from tests.master.rig import Rig
 
 
@@ -27,10 +26,7 @@ def test_compiling_is_done_once_and_goes_on_when_who_asked_for_it_has_ended(tmp_
     ask = "import os; print(first_level('fit'), *(start_compiling().pid for _ in range(2)), flush=True)"
     available, *pids = run(f"{ask}; os._exit(0)", tmp_path).stdout.split()  # as one that is killed
     assert available == "kmeans"
-    end = time.monotonic() + PATIENCE_S
-    while any(Path(f"/proc/{pid}").exists() for pid in pids):
-        assert time.monotonic() < end
-        time.sleep(0.1)  # between two looks at other processes
+    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), 0.1)
     assert run("print(first_level('fit'))", tmp_path).stdout.strip() == "fit"
 
 

@@ -1,7 +1,6 @@
 """Shared memory: what is read is whole, whoever dies in whatever moment; names have one writer."""
 
 import os
-import pwd
 import signal
 import subprocess
 import sys
@@ -113,31 +112,6 @@ def test_a_crafted_header_ends_a_reader_soon(name, at, value):
     crafted_memory(name, at, value)
     with pytest.raises(ShareError), skinbus.attach(name) as skin:
         skin.latest()
-
-
-def test_only_plain_files_of_a_trusted_owner_are_opened_and_the_error_names_the_owner(name, tmp_path):
-    path, other = path_of(name), tmp_path / "other"
-    with closing(SharedWriter(name, LAYOUT)):
-        other.write_bytes(path.read_bytes())
-
-    def refused(words):
-        for use in (lambda: SharedReader(name), lambda: SharedWriter(name, LAYOUT)):
-            with pytest.raises(ShareError, match=words):
-                use()
-
-    me = pwd.getpwuid(os.geteuid()).pw_name
-    os.mkfifo(path)
-    refused(f"of user {me} is no plain file")
-    path.unlink()
-    path.symlink_to(other)
-    refused(f"of user {me} cannot be opened")
-    path.unlink()
-    path.write_bytes(other.read_bytes())
-    path.chmod(0o666)
-    refused("can be written by others")
-    path.chmod(0o644)
-    os.truncate(path, 1 << 40)
-    refused("wanted at most")
 
 
 def test_names_of_links_and_buses_and_the_table_of_patches_are_in_it(name):

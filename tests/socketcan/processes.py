@@ -2,11 +2,10 @@
 
 import contextlib
 import signal
-import time
 
 import canopen
 
-from tests.cli.patience import PATIENCE_S
+from tests.cli.patience import PATIENCE_S, wait_until
 from tests.socketcan.can_rig import EDS
 
 
@@ -33,13 +32,12 @@ def master_on(channel):
 
 def wait_for(happened):
     """Wait until something is so; a master that is not there yet does not answer."""
-    give_up_s = time.monotonic() + PATIENCE_S
-    while True:
+
+    def so():
         with contextlib.suppress(canopen.SdoCommunicationError):
-            if happened():
-                return
-        assert time.monotonic() < give_up_s
-        time.sleep(0.05)
+            return happened()
+
+    wait_until(so, 0.05)
 
 
 def wait_for_patches(master, n):

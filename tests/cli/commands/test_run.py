@@ -16,7 +16,7 @@ from skinbus.bus.udp_multicast import MulticastBus
 from skinbus.config.arm_file import find_arm
 from skinbus.config.state_file import StateFile
 from skinbus.errors import ShareError
-from tests.cli.patience import PATIENCE_S
+from tests.cli.patience import PATIENCE_S, wait_until
 from tests.master.restarting import SCENE as HELD_SCENE
 
 EDS = Path(__file__).parents[3] / "eds" / "skin-master.eds"
@@ -48,13 +48,6 @@ def client(group):
     node.sdo.RESPONSE_TIMEOUT, node.sdo.MAX_RETRIES = 2.0, 20
     yield node
     network.disconnect()
-
-
-def wait_until(so):
-    """Return when it is so."""
-    end = time.monotonic() + PATIENCE_S
-    while not so():
-        assert time.monotonic() < end
 
 
 def wait_for_tpdo(node, number):

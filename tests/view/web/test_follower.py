@@ -1,13 +1,12 @@
 """A source is followed cycle by cycle, and opened again when it has ended."""
 
 import threading
-import time
 
 import pytest
 
 from skinbus.errors import ShareError
 from skinbus.view.web.follower import Follower, History
-from tests.cli.patience import PATIENCE_S
+from tests.cli.patience import PATIENCE_S, wait_until
 from tests.view.web.cycles import made_cycle
 
 
@@ -51,17 +50,10 @@ class Source:
         self.n_closed += 1
 
 
-def until(holds):
-    end = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < end
-        threading.Event().wait(0.002)
-
-
 def test_source_that_ends_is_over():
     source = Source(made_cycle(1), made_cycle(2))
     follower = Follower(lambda: source)
-    until(lambda: follower.has_ended)
+    wait_until(lambda: follower.has_ended)
     assert (follower.n_cycles, follower.newest.number, follower.error) == (2, 2, None)
     follower.zero(3)
     follower.close()
@@ -72,7 +64,7 @@ def test_a_slow_simulation_is_not_silent_before_ten_of_its_own_periods():
     source = Source(made_cycle(1))
     source.pace = 0.01
     follower = Follower(lambda: source)
-    until(lambda: follower.has_ended)
+    wait_until(lambda: follower.has_ended)
     follower._came_s -= 5.0
     assert follower.silent_s == pytest.approx(0.05, abs=0.02)
     follower.close()
@@ -94,10 +86,10 @@ def test_source_is_opened_again_and_what_ended_it_is_forgotten_when_it_is_back()
         return sources.pop(0)
 
     follower = Follower(opening, again_s=0.01)
-    until(lambda: follower.n_opened == 2 and follower.n_cycles == 2)
+    wait_until(lambda: follower.n_opened == 2 and follower.n_cycles == 2)
     assert follower.error is None
     done.set()
-    until(lambda: follower.error is not None)
+    wait_until(lambda: follower.error is not None)
     assert not follower.has_ended
     follower.close()
     assert follower.has_ended

@@ -1,6 +1,5 @@
 """The page in a browser: what is on it is where it is on the arm, and nothing leaves this machine."""
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ from skinbus.sim import load_scene
 from skinbus.skin.simulated import simulate
 from skinbus.view.web import colours
 from skinbus.view.web.follower import Follower
-from tests.cli.patience import PATIENCE_S
+from tests.cli.patience import wait_until
 from tests.view.web import cycles
 from tests.view.web.browser import CHROMIUM, chromium, on_screen
 from tests.view.web.shown import Fixed, Shown
@@ -49,15 +48,6 @@ PIXELS = """() => {
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
 
 
-def eventually(holds, seconds=PATIENCE_S, told=None, every=0.05):
-    """Wait until something holds; the browser has its own time."""
-    end = time.monotonic() + seconds
-    while not (answer := holds()):
-        assert time.monotonic() < end, f"it never held: {told}"
-        time.sleep(every)
-    return answer
-
-
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("view")
@@ -93,11 +83,11 @@ def seen_colour(picture, at):
 @pytest.mark.slow
 def test_browser_shows_pressures_contact_and_lost_board_where_they_are(shown, tab):
     page, arm = shown.page, shown.arm
-    eventually(lambda: page.drawing and len(page.drawing.labels) == 1 and len(page.drawing.boards.points))
+    wait_until(lambda: page.drawing and len(page.drawing.labels) == 1 and len(page.drawing.boards.points))
     tab.page.get_by_text("live").wait_for(state="attached")
     (label,) = page.drawing.labels
     assert label.text == "1: 6.0 N"
-    ((_, client),) = eventually(lambda: page.server.get_clients().items())
+    ((_, client),) = wait_until(lambda: page.server.get_clients().items())
     surface = arm.links[0].surface
     points, _ = surface.position(arm.tactel_s, arm.tactel_a)
     places = on_screen(client.camera, points, tab)
@@ -124,7 +114,7 @@ def test_browser_shows_pressures_contact_and_lost_board_where_they_are(shown, ta
         seen["grey"] = max(grey)
         return max(seen["off"]) < 40 and seen["crossed"] > 4 and seen["grey"] < 40
 
-    eventually(is_drawn, told=seen, every=PICTURE_S)
+    wait_until(is_drawn, PICTURE_S)
     drawn, shown_on = tab.page.evaluate(PIXELS)
     assert drawn == pytest.approx(0.5 * shown_on, abs=1)  # a quarter of the pixels without a graphics card
     assert tab.errors == []
