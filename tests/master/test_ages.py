@@ -3,40 +3,32 @@
 import numpy as np
 import pytest
 
-from skinbus.can.virtual_bus import VirtualBus
 from skinbus.config.system import ods_of
-from skinbus.master import Master
 from skinbus.node import Device, PatchHost, Sample
-from skinbus.sim import load_scene
 from skinbus.sim.sampler import Sampler
 from tests.fd_arm import write_scene_file
+from tests.master.rig import MS, Rig
 
-MS = 1_000_000
 SPEED = 0.05
 """Of the finger, m/s."""
 SLIDE = "path = [[0.0, 35.0, 4.0], [2.0, 135.0, 4.0], [1000.0, 135.0, 4.0]]"
 
 
-class FreeRunning:
+class FreeRunning(Rig):
     """Two boards on a plate under a finger that slides, each with samples of an age of its own."""
 
-    def __init__(self, folder, eds="skin-patch-fd", limit=""):
-        path = write_scene_file(folder, eds)
+    def __init__(self, folder, limit=""):
+        path = write_scene_file(folder, "skin-patch-fd")
         arm = folder / "fd.toml"
         arm.write_text(arm.read_text().replace("rate_hz", f"{limit}\nrate_hz", 1))
-        scene = path.read_text().replace("s_mm = 55.0\na_mm = 4.0", SLIDE)
-        path.write_text(scene)
-        self.scene = load_scene(path)
+        path.write_text(path.read_text().replace("s_mm = 55.0\na_mm = 4.0", SLIDE))
         self.age_ms = np.zeros(2)
         self._start_ns = 1000 * MS
+        super().__init__(path, self.host)
+
+    def host(self, world):
         self._samplers = [Sampler(self.scene) for _ in range(2)]
-        self.cycles = []
-        devices = [Device(od, n) for n, od in enumerate(ods_of(self.scene.arm), 1)]
-        bus = self.scene.arm.bus
-        self.wire = VirtualBus(bus.bitrate, data_bitrate=bus.data_bitrate)
-        self.wire.attach(PatchHost(devices, self.newest))
-        self.master = Master(self.scene.arm, on_cycle=self.cycles.append)
-        self.wire.attach(self.master)
+        return PatchHost([Device(od, n) for n, od in enumerate(ods_of(self.scene.arm), 1)], self.newest)
 
     def newest(self, now_ns):
         t_ns = now_ns - (1e6 * self.age_ms).astype(np.int64)
@@ -46,12 +38,6 @@ class FreeRunning:
             here = self.scene.arm.tactels_of(p)
             counts[here] = sampler.counts[here]
         return Sample(counts, t_ns, np.ones(len(counts), np.bool_))
-
-    def run(self, ms):
-        """Return the cycles of that time."""
-        n = len(self.cycles)
-        self.wire.run(self.wire.now_ns + round(ms * MS))
-        return self.cycles[n:]
 
     def place(self, t_ns):
         """Where the finger is, m."""
@@ -63,7 +49,7 @@ def test_track_is_where_the_finger_is_now_and_the_contact_is_of_its_sample(tmp_p
     rig = FreeRunning(tmp_path)
     rig.age_ms[:] = age_ms
     rig.run(1300)
-    for cycle in rig.run(400):
+    for cycle in rig.run(400)[0]:
         assert cycle.n_fresh == 2
         (track,) = range(len(cycle.tracks))
         assert cycle.t_ns - cycle.tracks.seen_ns[track] == pytest.approx(age_ms * MS, abs=0.1 * MS)
@@ -82,7 +68,7 @@ def test_sample_is_used_up_to_the_age_that_the_arm_file_allows_and_others_whatev
     rig.run(500)
     rig.age_ms[0] = age_ms
     rig.run(40)
-    assert {(bool(cycle.fresh[0]), bool(cycle.fresh[1])) for cycle in rig.run(300)} == {(fresh, True)}
+    assert {(bool(cycle.fresh[0]), bool(cycle.fresh[1])) for cycle in rig.run(300)[0]} == {(fresh, True)}
     rig.age_ms[0] = 0.0
     rig.run(40)
-    assert all(cycle.fresh.all() for cycle in rig.run(300)), "it is used again at once"
+    assert (rig.fresh(300) == 1.0).all(), "it is used again at once"

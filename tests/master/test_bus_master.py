@@ -8,6 +8,7 @@ from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
 from tests.master.buses_rig import LEFT, MS, ON_LEFT, ON_RIGHT, ON_SEAM, RIGHT, BusesRig, write_scene
+from tests.master.faults_rig import emcy
 
 CONTACT_IDS = range(0x681, 0x691)
 SUMMARY_ID = 0x1FF
@@ -36,14 +37,6 @@ def contacts(frames):
     return [(frame.can_id, frame.data) for frame in frames if frame.can_id in CONTACT_IDS]
 
 
-def emcies(frames):
-    return [
-        (int.from_bytes(frame.data[:2], "little"), frame.data[3:5])
-        for frame in frames
-        if frame.can_id == cia.EMCY_BASE + 127
-    ]
-
-
 @pytest.mark.slow
 def test_contacts_are_published_alike_on_every_bus(rig):
     _, _, (left, right) = rig.run(1000)
@@ -66,8 +59,8 @@ def test_patch_that_falls_silent_is_reported_on_its_bus_alone(rig):
     _, events, (left, right) = rig.run(500)
     assert ("readings-lost", 1, RIGHT) in {(event.kind, event.node_id, event.bus) for event in events}
     assert {event.bus for event in events} == {RIGHT}
-    assert emcies(left) == []
-    assert (EmcyCode.RPDO_TIMEOUT, b"\1\0") in emcies(right)
+    assert emcy(left) == []
+    assert (EmcyCode.RPDO_TIMEOUT, 1) in emcy(right)
     assert rig.get(LEFT, 0x2300, 1) == PatchState.OPERATIONAL
     assert rig.get(RIGHT, 0x2300, 1) == PatchState.SILENT
 
@@ -96,7 +89,7 @@ def test_bus_that_is_lost_and_back_does_not_disturb_the_other(rig, lost):
     reports, events, frames = rig.run(1000)
     assert {report.n_fresh for report in reports[5:]} == {2}
     assert [event.kind for event in events] == []
-    assert EmcyCode.BUS_OFF_RECOVERED in {code for code, _ in emcies(frames[lost])}
+    assert EmcyCode.BUS_OFF_RECOVERED in {code for code, _ in emcy(frames[lost])}
 
 
 def test_contact_across_a_seam_between_buses_is_one_contact(scenes):

@@ -6,6 +6,7 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
+from tests.master.faults_rig import emcy
 from tests.master.rig import MS, Rig
 
 
@@ -22,10 +23,6 @@ def now(rig):
 
 def news(rig, kind, count=0):
     rig.master.bus_news(now(rig), Event(t_ns=now(rig), kind=kind, count=count))
-
-
-def emcy_codes(frames):
-    return [int.from_bytes(frame.data[:2], "little") for frame in frames if frame.can_id == 0x0FF]
 
 
 def reset_frame(command):
@@ -46,7 +43,7 @@ def test_each_fault_is_one_emcy_and_its_end_another(rig, comes, goes, code):
     _, _, first = rig.run(50)
     news(rig, goes)
     _, _, then = rig.run(50)
-    assert emcy_codes([*first, *then]) == [code, EmcyCode.NO_ERROR]
+    assert [told for told, _ in emcy([*first, *then])] == [code, EmcyCode.NO_ERROR]
 
 
 def test_lost_bus_takes_contacts_back_and_says_so_when_it_returns(rig):

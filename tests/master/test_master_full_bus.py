@@ -1,15 +1,13 @@
 """A full bus: 126 patches on 1 Mbit/s boot about as fast as their frames can cross the wire, and run."""
 
-import math
-
 import pytest
 
 from skinbus.can.wire_bits import frame_bits
 from skinbus.objects import cia
 from tests.master.rig import Rig
+from tests.socketcan.many import many_patches
 
-N_RINGS, PER_RING = 7, 18
-N_PATCHES = N_RINGS * PER_RING
+N_PATCHES = 126
 RATE_HZ = 10.0
 BITRATE = 1_000_000
 
@@ -24,27 +22,9 @@ FRAMES_PER_BOOT = 1 + 2 * TRANSFERS_PER_BOOT + 1
 
 
 @pytest.fixture(scope="module")
-def full_scene(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("full")
-    arm, scene = folder / "full.toml", folder / "scene.toml"
-    rings = [
-        f'[[ring]]\nlink = "tube"\ns_mm = {26 + 52 * k}\ncount = {PER_RING}\n'
-        f'first_node_id = {1 + PER_RING * k}\neds = "skin-patch"\n'
-        for k in range(N_RINGS)
-    ]
-    radius = PER_RING * 51 / (2 * math.pi)
-    arm.write_text(
-        f'[arm]\nname = "full"\nbitrate = {BITRATE}\nrate_hz = {RATE_HZ}\n'
-        f'[[link]]\nname = "tube"\nsurface = "cylinder"\n'
-        f"length_mm = {52 * N_RINGS}\nradius_mm = {radius:.3f}\n" + "".join(rings)
-    )
-    scene.write_text(f'[scene]\ntitle = "nothing touches"\narm = "{arm}"\nduration_s = 60.0\n')
-    return scene
-
-
-@pytest.fixture(scope="module")
-def full(full_scene):
-    rig = Rig(full_scene)
+def full(tmp_path_factory):
+    _, scene = many_patches(tmp_path_factory.mktemp("full"), RATE_HZ)
+    rig = Rig(scene)
     rig.run(1000)
     return rig
 

@@ -11,15 +11,12 @@ from skinbus.master import Master
 from skinbus.master.other_master import GONE_NS
 from skinbus.objects.cia import EmcyCode
 from tests.master.commission import Bench, patch
+from tests.master.faults_rig import emcy
 from tests.master.misbehaving_rig import Foreign
 from tests.master.rig import MS, Rig
 
 SYNC = 0x080
 ARM = load_arm("pad")
-
-
-def emcy(frames):
-    return [(int.from_bytes(f.data[:2], "little"), f.data[3:7]) for f in frames if f.can_id == 0x0FF]
 
 
 def test_another_master_is_reported_once_when_it_comes_and_once_when_it_is_gone():
@@ -32,7 +29,7 @@ def test_another_master_is_reported_once_when_it_comes_and_once_when_it_is_gone(
     assert [event.kind for event in events if event.kind.startswith("other-master")] == [
         EventKind.OTHER_MASTER
     ]
-    assert (EmcyCode.COMMUNICATION, SYNC.to_bytes(4, "little")) in emcy(frames)
+    assert (EmcyCode.COMMUNICATION, SYNC) in emcy(frames)
     assert len(reports) >= 45
     reports, events, frames = rig.run(100 + GONE_NS / MS)
     assert [event.kind for event in events if event.kind.startswith("other-master")] == [

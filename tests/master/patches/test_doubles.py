@@ -7,6 +7,7 @@ from skinbus.master import Master
 from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
 from tests.master.commission import Bench, patch
+from tests.master.faults_rig import emcy
 from tests.master.misbehaving import Late
 
 NODE = 1
@@ -26,8 +27,7 @@ def assert_named(master, bench, events):
     assert master.table.state[0] == PatchState.WRONG
     (doubled,) = [event for event in events if event.kind == "patch-doubled"]
     assert doubled.detail == "2 boards answer under this node-ID: serial numbers 77 and 78"
-    codes = [int.from_bytes(f.data[:2], "little") for f in bench.frames if f.can_id == cia.EMCY_BASE + 127]
-    assert cia.EmcyCode.COB_ID_COLLISION in codes
+    assert (cia.EmcyCode.COB_ID_COLLISION, NODE) in emcy(bench.frames)
 
 
 def test_two_boards_that_are_there_at_the_start_are_named_and_never_started():
