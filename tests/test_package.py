@@ -7,9 +7,14 @@ from pathlib import Path
 
 import skinbus
 
+PROMISED = """
+Skin Cycle Contact Patch Readings SkinbusError ConfigError AddressError ArgumentError BusError ShareError
+ProtocolError LocalProtocolError RemoteProtocolError SdoAborted MissingFileError
+"""
+
 
 def test_every_name_is_offered_and_there():
-    assert set(skinbus.__all__) <= set(dir(skinbus))
+    assert set(PROMISED.split()) <= set(skinbus.__all__) <= set(dir(skinbus))
     for name in skinbus.__all__:
         assert getattr(skinbus, name).__name__ == name
 

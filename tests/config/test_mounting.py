@@ -77,6 +77,12 @@ def test_triangles_may_stand_between_triangles():
     assert depth(0.009) > 1e-3
 
 
+def test_overlap_is_seen_across_the_wrap():
+    tube = SURFACES[1]
+    half = 0.5 * tube.period
+    assert overlap(tube, place(0.1, half - 0.024), place(0.1, -half + 0.024)) == pytest.approx(2e-3)
+
+
 @pytest.mark.parametrize("surface", SURFACES, ids=lambda s: s.kind)
 def test_overhang_is_measured_at_both_ends(surface):
     assert outside(surface, place(0.15, 0.0)) <= 0.0

@@ -56,6 +56,18 @@ def levels(pace, cycles):
 STRAINED, CALM, BUSY = {"strained": True}, {}, {"calm": False}
 
 
+# --- Budget ----------------------------------------------------------------------------------------
+
+
+def test_budget_is_what_the_period_leaves_less_publishing():
+    pace = make()
+    for _ in range(3):
+        close(pace, n_contacts=3)
+    # 20 ms - 12 ms - 4 frames of 135 bits at 1 us - 0.2 ms of publishing
+    assert pace.budget_us(12 * MS) == pytest.approx(20_000 - 12_000 - 4 * 135 - 200)
+    assert pace.budget_us(30 * MS) == 0.0
+
+
 # --- Level -----------------------------------------------------------------------------------------
 
 

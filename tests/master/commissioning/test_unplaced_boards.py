@@ -15,11 +15,9 @@ MS = 1_000_000
 SEED = 20261124
 
 
-def node(node_id, kind, serial=0, **numbers):
+def node(node_id, kind, **numbers):
     names = ("device_type", "vendor", "product")
-    return Found(
-        node_id, answers=True, numbers={**dict(zip(names, kind, strict=True)), "serial": serial, **numbers}
-    )
+    return Found(node_id, answers=True, numbers=dict(zip(names, kind, strict=True)) | numbers)
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +32,8 @@ def test_a_press_is_read_and_no_contact_is_published(pad):
     wire.attach(World(scene))
     wire.tap(frames.append)
     (kind,) = kinds_of(pad)
-    bench = unplaced([node(1, kind.kind)], pad)
+    bench = unplaced([node(9, kind.kind, product=0x1234), node(1, kind.kind)], pad)
+    assert (bench.arm.node_id.tolist(), bench.strangers) == ([1], [9])
     wire.attach(QuietMaster(bench.arm, lambda t_ns, pressures: cycles.append(pressures)))
     wire.run(1000 * MS)
     scene.plan.touches = [(*Person(arm, SEED).point(0), FORCE_N)]
