@@ -39,6 +39,8 @@ HALVINGS = 16
 FELT = 4
 """Tactels beyond three standard deviations for the bound to hold: three determine place and force, one more
 shows whether they do."""
+NOTHING = np.array([1.0, 1.0, 1e-6])
+"""Information that is always there: a contact is within a metre and a thousand newtons, 1/m^2 and 1/N^2."""
 SMALL = 0.5e-3
 """m, standard deviation of a place up to which the bound holds: a law bends over a few millimetres."""
 
@@ -111,17 +113,24 @@ def _cover_link(arm: Arm, k: int, force: float, step: float) -> Coverage:
         reach += 0.5 * math.hypot(*patch.size)
         i = np.flatnonzero(surface.distance(s, a, placed.s, placed.a) <= reach)
         rounding = patch.transducer.step * arm.tactel_gain[tactels]
-        variance = arm.tactel_noise[tactels] ** 2 + rounding**2 / 12.0
-        d = arm.distance(tactels, s[i], a[i]) / arm.tactel_width[tactels]
-        p_felt = patch.law.pressure(d, force)
-        slopes = _slopes(arm, tactels, s[i], a[i], force, (1.0 / along[i], 1.0 / around[i]))
-        misfit = patch.law.unexplained(d, force)
+        noise2 = arm.tactel_noise[tactels] ** 2 + rounding**2 / 12.0
+        d, *beside = (
+            arm.distance(tactels, s[i] + x / along[i], a[i] + y / around[i]) / arm.tactel_width[tactels]
+            for x, y in DIFFERENCE * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
+        )
+        p_felt, stronger = patch.law.pressure(d, force), patch.law.pressure(d, force * (1.0 + DIFFERENCE))
+        east, west, north, south = (patch.law.pressure(away, force) for away in beside)
+        changes = [0.5 * (east - west), 0.5 * (north - south), (stronger - p_felt) / force]
+        slopes, misfit = np.stack(changes, -1) / DIFFERENCE, patch.law.unexplained(d, force)
         is_known = p_felt < patch.transducer.full_scale * arm.tactel_gain[tactels]
-        weight = np.where(is_known, 1.0 / (variance + misfit**2), 0.0)
+        weight = np.where(is_known, 1.0 / (noise2 + misfit**2), 0.0)
         information[i] += np.einsum("ntu,nt,ntv->nuv", slopes, weight, slopes)
         n_felt[i] += (p_felt**2 * weight > 9.0).sum(axis=1)
-        boards.append((i, d, patch.law, arm.tactel_threshold[tactels], variance))
-    sd_place, sd_force = _bounds(information)
+        boards.append((i, d, patch.law, arm.tactel_threshold[tactels], noise2))
+    variance = np.linalg.inv(information + np.diag(NOTHING)).diagonal(axis1=1, axis2=2)
+    # bounds that are those of one who knows nothing are none
+    variance = np.where(variance * NOTHING > 0.01, np.inf, variance).T.reshape(3, *shape)
+    sd_place = np.sqrt(variance[0] + variance[1])
     return Coverage(
         link=arm.links[k].name,
         step=(surface.length / shape[0], surface.width / shape[1]),
@@ -130,38 +139,10 @@ def _cover_link(arm: Arm, k: int, force: float, step: float) -> Coverage:
         board=board.reshape(shape),
         area=(surface.length * surface.width / s.size * stretch).reshape(shape),
         least_force=_least_force(boards, s.size).reshape(shape),
-        sd_place=sd_place.reshape(shape),
-        sd_force=sd_force.reshape(shape),
-        holds=((n_felt >= FELT) & (sd_place <= SMALL)).reshape(shape),
+        sd_place=sd_place,
+        sd_force=np.sqrt(variance[2]),
+        holds=(n_felt.reshape(shape) >= FELT) & (sd_place <= SMALL),
     )
-
-
-def _slopes(
-    arm: Arm, tactels: Ints, s: Floats, a: Floats, force: float, metric: tuple[Floats, Floats]
-) -> Floats:
-    """Return the derivatives of pressures by place and force, (n_points, n_tactels, 3).
-
-    ``metric`` is the chart's over the skin's.
-    """
-    law = arm.patches[arm.tactel_patch[tactels[0]]].patch.law
-
-    def felt(along: float, around: float, share: float) -> Floats:
-        d = arm.distance(tactels, s + along * metric[0], a + around * metric[1])
-        return np.asarray(law.pressure(d / arm.tactel_width[tactels], force * (1.0 + share)))
-
-    steps = DIFFERENCE * np.eye(3)
-    differences = np.stack([felt(*step) - felt(*-step) for step in steps], -1)
-    return np.asarray(differences / (2.0 * DIFFERENCE * np.array([1.0, 1.0, force])))
-
-
-def _bounds(information: Floats) -> tuple[Floats, Floats]:
-    """Return the bounds on place (m) and force (N), infinite for none."""
-    scale = np.sqrt(np.maximum(information.diagonal(axis1=1, axis2=2), 1e-300))
-    scaled = information / (scale[:, :, None] * scale[:, None, :])
-    known = np.linalg.eigvalsh(scaled)[:, 0] > 1e-9
-    variance = np.full(scale.shape, np.inf)
-    variance[known] = np.linalg.inv(scaled[known]).diagonal(axis1=1, axis2=2) / scale[known] ** 2
-    return np.sqrt(variance[:, 0] + variance[:, 1]), np.sqrt(variance[:, 2])
 
 
 def _least_force(boards: list[tuple[Ints, Floats, Law, Floats, Floats]], n: int) -> Floats:

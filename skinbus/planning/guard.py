@@ -10,12 +10,9 @@ from typing import NamedTuple
 from skinbus.can.classic import worst_case_bits
 from skinbus.model.guard import GuardSettings
 from skinbus.objects.guard import GFC_ID, liveness_pdo
-from skinbus.objects.profile import GUARD_PERIOD_US, current, look_up
+from skinbus.objects.profile import GUARD_PERIOD_US, index_of, number_at
 from skinbus.planning.plan import Plan
-from skinbus.planning.schedule import NO_ERRORS, SECOND, ErrorModel, Message, response_times
-
-GFC = Message(name="GFC", cob_id=GFC_ID, bits=worst_case_bits(0), period_ns=60 * SECOND)
-"""A guard that has tripped is latched; a minute is less than anybody takes to acknowledge it twice."""
+from skinbus.planning.schedule import ERROR_FRAME_BITS, frame_ns
 
 
 class Part(NamedTuple):
@@ -27,21 +24,14 @@ class Part(NamedTuple):
 
 
 class GuardBound(NamedTuple):
-    """The parts that come one after another."""
+    """The bound on one bus."""
 
-    to_frame: tuple[Part, ...]
-    to_standstill: tuple[Part, ...]
-    """What follows the frame."""
-
-    @property
-    def frame_ns(self) -> int:
-        """Until GFC is on the wire."""
-        return sum(part.ns for part in self.to_frame)
-
-    @property
-    def standstill_ns(self) -> int:
-        """Until the robot stands."""
-        return self.frame_ns + sum(part.ns for part in self.to_standstill)
+    parts: tuple[Part, ...]
+    """One after another, until GFC is on the wire."""
+    frame_ns: int
+    """Their sum."""
+    standstill_ns: int
+    """With the times that the arm file assumes of process or relay, and of the robot."""
 
 
 def guard_bound(plan: Plan, guard: GuardSettings) -> GuardBound | None:
@@ -49,30 +39,19 @@ def guard_bound(plan: Plan, guard: GuardSettings) -> GuardBound | None:
     guarded = [od for od in plan.ods if (pdo := liveness_pdo(od)) and pdo.valid]
     if not guarded:
         return None
-    period_ns = 1000 * max(int(str(current(look_up(od, GUARD_PERIOD_US)))) for od in guarded)
-    first = [m for m in plan.traffic.messages if m.cob_id < GFC_ID]
-    others = [m for m in plan.traffic.messages if m.cob_id > GFC_ID]
-    parts = [
+    period_ns = 1000 * max(number_at(od, *index_of(od, GUARD_PERIOD_US)) for od in guarded)
+    gfc_ns = frame_ns(worst_case_bits(0), plan.bitrate)
+    before = [m.ns(plan.bitrate) for m in plan.traffic.messages if m.cob_id < GFC_ID]
+    longest_ns = max(m.ns(plan.bitrate) for m in plan.traffic.messages if m.cob_id > GFC_ID)
+    error_ns = frame_ns(ERROR_FRAME_BITS, plan.bitrate) + max(gfc_ns, *before)
+    parts = (
         Part("next sample", period_ns, f"one each {period_ns / 1e6:g} ms (0x2080:04)"),
         Part("more samples", (guard.n - 1) * period_ns, f"{guard.n} of {guard.m} exceed a limit"),
         Part("comparison", plan.response_ns, "as long as an answer to SYNC takes"),
-    ]
-    before = 0
-    for name, among, errors, assumed in (
-        ("GFC", [], NO_ERRORS, "from a mailbox of its own; those of other patches are the same frame"),
-        ("frame under way", others, NO_ERRORS, "the longest of any node has just begun"),
-        ("NMT", [*first, *others], NO_ERRORS, "one command, which alone has priority"),
-        ("bit error", [*first, *others], ErrorModel(burst=1), "one, with the error frame and a repetition"),
-    ):
-        end = (
-            response_times([GFC, *among], plan.bitrate, errors)[GFC_ID] or 0
-        )  # below them is next to nothing
-        parts.append(Part(name, end - before, assumed))
-        before = end
-    return GuardBound(
-        tuple(parts),
-        (
-            Part("process or relay", guard.reaction_ns, "reaction_ms of the arm file"),
-            Part("stop", guard.stop_ns, "stop_ms of the arm file"),
-        ),
+        Part("frame under way", longest_ns, "the longest of any node has just begun"),
+        Part("NMT", sum(before), "one command, which alone has priority"),
+        Part("GFC", gfc_ns, "from a mailbox of its own; those of other patches are the same frame"),
+        Part("bit error", error_ns, "one: an error frame, and what it hit is sent again"),
     )
+    sent_ns = sum(part.ns for part in parts)
+    return GuardBound(parts, sent_ns, sent_ns + guard.reaction_ns + guard.stop_ns)

@@ -91,8 +91,7 @@ class Plan:
 
     def _end_ns(self, release: Release) -> int | None:
         ends = [row.worst_ns for row in self.rows if row.message.release is release]
-        known = [t for t in ends if t is not None]
-        return max(known) if known and len(known) == len(ends) else None
+        return None if None in ends else max(filter(None, ends), default=None)
 
     @property
     def readings_ns(self) -> int | None:
@@ -125,7 +124,7 @@ class Plan:
                 f"the last reading may come after {_ms(self.readings_ns)}; "
                 f"the cycle closes at {DEADLINE * period_ns / 1e6:.1f} ms without it"
             )
-        elif self.published_ns is None or self.published_ns > round(period_ns):
+        elif self.published_ns is None or self.published_ns > period_ns:
             faults.append(
                 f"the last contact may be out after {_ms(self.published_ns)}, later than the next SYNC "
                 f"({period_ns / 1e6:.1f} ms); computing takes "
@@ -232,7 +231,7 @@ def plans(
     alone = [
         Plan(
             arm=f"{arm.name}, bus {bus.name}" if several else arm.name,
-            ods=tuple(ods_of(arm.part(k) if several else arm)),
+            ods=tuple(ods_of(arm.part(k))),
             bitrate=bitrate or bus.bitrate,
             data_bitrate=bus.data_bitrate,
             rate_hz=rate_hz or arm.bus.rate_hz,

@@ -35,6 +35,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -87,8 +88,7 @@ ERROR_FRAME_BITS = 31
 """Longest error frame: flags of all nodes, delimiter and interframe space (Tindell and Burns)."""
 
 
-@dataclass(frozen=True, slots=True)
-class ErrorModel:
+class ErrorModel(NamedTuple):
     """Errors on the bus, at most: ``burst`` of them at any time, and ``per_s`` beyond."""
 
     per_s: float = 0.0
@@ -105,7 +105,7 @@ NO_ERRORS = ErrorModel()
 
 def load(messages: Sequence[Message], bitrate: int) -> float:
     """Return the share of the bus that the messages take at worst, 0 to 1 and more."""
-    return sum((m.bits / bitrate + m.data_bits / m.data_bitrate) * SECOND / m.period_ns for m in messages)
+    return sum(m.ns(bitrate) / m.period_ns for m in messages)
 
 
 def frame_ns(bits: int, bitrate: int) -> int:

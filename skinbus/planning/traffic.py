@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary
 
@@ -14,7 +13,7 @@ from skinbus.can.classic import worst_case_bits
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
-from skinbus.objects.pdo import PdoMap, carries_readings, tpdos
+from skinbus.objects.pdo import carries_readings, tpdos
 from skinbus.objects.profile import MASTER_NODE_ID, number_at
 from skinbus.planning.schedule import SECOND, Message, Release
 
@@ -40,8 +39,7 @@ ASSUMED = (
 """What happens beside the cycle, at most; the analysis holds as long as this does."""
 
 
-@dataclass(frozen=True, slots=True)
-class Traffic:
+class Traffic(NamedTuple):
     """The messages, and the readings that nothing paces."""
 
     messages: tuple[Message, ...]
@@ -63,21 +61,18 @@ def traffic(
     period, master = round(SECOND / rate_hz), _master()
     first = min(map(node_id_of, ods))
 
-    def other(name: str, cob_id: int, length: int, period_ns: int, **more: Any) -> Message:
-        return Message(name=name, cob_id=cob_id, bits=worst_case_bits(length), period_ns=period_ns, **more)
-
     messages = [
-        other("NMT", cia.NMT_COMMAND_ID, 2, SECOND),
-        other("SYNC", cia.SYNC_ID, 1, period, release=Release.SYNC),
-        other("EMCY 1", cia.EMCY_BASE + first, 8, SECOND),
+        _message("NMT", cia.NMT_COMMAND_ID, 2, SECOND),
+        _message("SYNC", cia.SYNC_ID, 1, period, release=Release.SYNC),
+        _message("EMCY 1", cia.EMCY_BASE + first, 8, SECOND),
     ]
     for name, base in (("SDO response", cia.SDO_SERVER_BASE), ("SDO request", cia.SDO_CLIENT_BASE)):
-        messages.append(other(name, base + first, 8, SECOND // SDO_HZ, deadline_ns=SDO_PATIENCE_NS))
+        messages.append(_message(name, base + first, 8, SECOND // SDO_HZ, deadline_ns=SDO_PATIENCE_NS))
     for od in [*ods, master]:
         if heartbeat_ms := number_at(od, cia.HEARTBEAT_PRODUCER):
             node_id = node_id_of(od)
             messages.append(
-                other(f"heartbeat {node_id}", cia.HEARTBEAT_BASE + node_id, 1, heartbeat_ms * 1_000_000)
+                _message(f"heartbeat {node_id}", cia.HEARTBEAT_BASE + node_id, 1, heartbeat_ms * 1_000_000)
             )
 
     unpaced: list[str] = []
@@ -92,25 +87,26 @@ def traffic(
                 every = pdo.inhibit_100us * 100_000 or period
                 unpaced += [] if pdo.inhibit_100us else [name]
             release = Release.READING if is_cyclic else Release.SPORADIC
-            messages.append(_message(name, pdo, every, release, data_bitrate))
+            messages.append(_message(name, pdo.cob_id, pdo.length, every, data_bitrate, release=release))
     published = [pdo for pdo in tpdos(master) if pdo.valid][: 1 + contacts]
     for k, pdo in enumerate(published):
-        name = f"contact {pdo.number - 1}" if k else "summary"
-        messages.append(_message(name, pdo, period, Release.PUBLISHED))
+        name = f"contact {k}" if k else "summary"
+        messages.append(_message(name, pdo.cob_id, pdo.length, period, release=Release.PUBLISHED))
     messages.sort(key=lambda m: m.cob_id)
     return Traffic(tuple(messages), tuple(unpaced))
 
 
 def _message(
-    name: str, pdo: PdoMap, period: int, release: Release, data_bitrate: int | None = None
+    name: str, cob_id: int, length: int, period_ns: int, data_bitrate: int | None = None, **more: Any
 ) -> Message:
-    message = Message(name=name, cob_id=pdo.cob_id, bits=0, period_ns=period, release=release)
-    if pdo.length <= CLASSIC_BYTES:
-        return replace(message, bits=worst_case_bits(pdo.length))
-    if data_bitrate is None:
-        raise ValueError(f"{name} has {pdo.length} bytes, and the bus is not CAN FD")
-    bits = canfd.worst_case_bits(pdo.length)
-    return replace(message, bits=bits.nominal, data_bits=bits.data, data_bitrate=data_bitrate)
+    """Return a message of so many bytes."""
+    bits: dict[str, Any] = {"bits": worst_case_bits(min(length, CLASSIC_BYTES))}
+    if length > CLASSIC_BYTES:
+        if data_bitrate is None:
+            raise ValueError(f"{name} has {length} bytes, and the bus is not CAN FD")
+        long = canfd.worst_case_bits(length)
+        bits = {"bits": long.nominal, "data_bits": long.data, "data_bitrate": data_bitrate}
+    return Message(name=name, cob_id=cob_id, period_ns=period_ns, **bits, **more)
 
 
 @cache

@@ -47,7 +47,7 @@ def bounds(path, **settings):
 def test_parts_are_those_of_the_arm_file_and_of_the_longest_frames(tmp_path):
     """By hand at 1 Mbit/s: GFC has 55 bits at most, 8 bytes 135, NMT 75, an error frame 31."""
     (bound,) = bounds(guarded(tmp_path, "pad"), response_ns=40_000)
-    us = {part.name: part.ns / 1000 for part in bound.to_frame}
+    us = {part.name: part.ns / 1000 for part in bound.parts}
     assert us == {
         "next sample": 1000,
         "more samples": 1000,
@@ -73,7 +73,7 @@ def test_the_goal_of_two_milliseconds_is_kept(tmp_path, name, changes, n):
     found = bounds(guarded(tmp_path, name, at_once, changes), response_ns=100_000)
     assert len(found) == n
     assert all(bound.frame_ns < 2_000_000 for bound in found)
-    under_way = {part.name: part.ns for bound in found for part in bound.to_frame}["frame under way"]
+    under_way = {part.name: part.ns for bound in found for part in bound.parts}["frame under way"]
     assert (under_way > 135_000) == bool(changes)  # a frame of 8 bytes, or one of 48 on CAN FD
 
 
@@ -92,7 +92,7 @@ def test_the_state_of_a_guard_is_part_of_the_traffic(tmp_path):
 def test_the_wire_in_the_critical_instant_stays_below_the_bound_and_near_it(tmp_path):
     """One bit before 24 patches say GFC at once a long frame has begun; NMT comes with it."""
     (bound,) = bounds(guarded(tmp_path, "forearm"))
-    wire_ns = sum(part.ns for part in bound.to_frame[3:] if part.name != "bit error")
+    wire_ns = sum(part.ns for part in bound.parts[3:] if part.name != "bit error")
     begin, ends = 1_000_000, {}
     wire = VirtualBus(1_000_000)
     wire.tap(lambda frame: ends.setdefault(frame.can_id, frame.t_ns))

@@ -123,9 +123,8 @@ def _show(plan: Plan, guard: GuardSettings | None, console: Console) -> None:
     }
     if guard and (bound := guard_bound(plan, guard)):
         facts["guard, ms from a limit to GFC on the wire"] = _ms(bound.frame_ns)
-        facts |= {f"  {part.name}": f"{_ms(part.ns)}  {part.assumed}" for part in bound.to_frame}
-        facts["guard, ms from a limit to standstill"] = _ms(bound.standstill_ns)
-        facts |= {f"  {part.name}": f"{_ms(part.ns)}  {part.assumed}" for part in bound.to_standstill}
+        facts |= {f"  {part.name}": f"{_ms(part.ns)}  {part.assumed}" for part in bound.parts}
+        facts["guard, ms to standstill"] = f"{_ms(bound.standstill_ns)}  with reaction_ms and stop_ms"
     for name, text in facts.items():
         console.print(f"{name:40} {text}", soft_wrap=True)
     for warning in plan.warnings:
