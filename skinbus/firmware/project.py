@@ -17,19 +17,34 @@ from canopen.objectdictionary import ObjectDictionary, datatypes
 
 from skinbus.errors import EdsError, Fault
 from skinbus.node.layout import FLOATS, ImageEntry, ImageLayout
-from skinbus.node.storage import is_parameter
+from skinbus.node.storage import APPLICATION, AREAS, COMMUNICATION, MANUFACTURER, is_parameter
 from skinbus.objects import cia
 from skinbus.objects.dcf import is_verified
 from skinbus.objects.eds import load_eds
+from skinbus.objects.guard import GuardLimits
 from skinbus.objects.pdo import Direction, pdo_numbers
-from skinbus.objects.profile import COMMUNICATION_CHECKSUM, GUARD_LIMITS, SAMPLE_COUNTER, find
+from skinbus.objects.profile import (
+    COMMUNICATION_CHECKSUM,
+    GUARD_LIMITS,
+    GUARD_PERIOD_US,
+    GUARD_STATE,
+    HEALTHY_TACTELS,
+    SAMPLE_COUNTER,
+    has,
+    index_of,
+    number_at,
+)
 
 NODE_ID = 1
 """Node-ID at which the dictionary is read; what depends on it is stored without it."""
 NO_VALUE = b"\xff\xff"
 """In place of the length of a text."""
+GROUPS = COMMUNICATION, APPLICATION, MANUFACTURER
+"""Of parameters that are stored, in the order of their bits in the core."""
 LIMITED = 4
 """Bytes of the largest value with limits."""
+PERIOD_US = 1000
+"""From one look at the readings, for events, to the next where a board has no guard."""
 PER_LINE = 16
 
 
@@ -72,7 +87,7 @@ def _room(entry: ImageEntry) -> str:
     """Return the most bytes of a text that can be written, which has no default; nothing for all else."""
     if entry.size or not entry.writable:
         return ""
-    return "8 + 4 * SB_N_TACTELS" if entry.variable.name == GUARD_LIMITS else "SB_TEXT_ROOM"
+    return "SB_GUARD_ROOM" if entry.variable.name == GUARD_LIMITS else "SB_TEXT_ROOM"
 
 
 def _bytes(entry: ImageEntry) -> bytes:
@@ -119,7 +134,7 @@ def _texts(eds: str, od: ObjectDictionary, layout: ImageLayout) -> tuple[str, st
     ]
     defines["DICTIONARY"] = f"0x{zlib.crc32(''.join(tables).encode()):08X}u"
     source = f"/* Made from {Path(eds).name} by `skinbus board firmware`. */\n"
-    lines = [f"#define SB_{name} {value}" for name, value in defines.items()]
+    lines = [f"#ifndef SB_{name}\n#define SB_{name} {value}\n#endif" for name, value in defines.items()]
     header = [f"{source}#ifndef BOARD_H\n#define BOARD_H\n", *lines, "\n#endif\n"]
     return "\n".join(header), "\n".join([f'{source}#include "skin.h"\n', *tables])
 
@@ -135,14 +150,22 @@ def _services(
         raise EdsError(eds, [Fault("readings", None, "0x6401 or 0x6400")])
     mapped = [len(layout.subs(way.mapping + n - 1)) for way, numbers in pdos.items() for n in numbers]
     rates = [bit for bit, rate in cia.BIT_RATES.items() if rate in od.device_information.allowed_baudrates]
-    stamp, checksum = (find(od, name) for name in (SAMPLE_COUNTER, COMMUNICATION_CHECKSUM))
+    names = (SAMPLE_COUNTER, COMMUNICATION_CHECKSUM, GUARD_STATE, GUARD_LIMITS, HEALTHY_TACTELS)
+    stamp, checksum, *guard = (index_of(od, name)[0] if has(od, name) else 0 for name in names)
+    state, limits, healthy = guard if all(guard) else (0, 0, 0)
+    period = number_at(od, *index_of(od, GUARD_PERIOD_US)) if state else PERIOD_US
     return {
         "N_TACTELS": len(readings.entries),
         "READINGS": readings.entries[0].index,
         "READINGS_AT": readings.at,
         "READING_BYTES": readings.entries[0].size,
-        "STAMP": 0 if stamp is None else stamp.index,
-        "CHECKSUM": 0 if checksum is None else checksum.index,
+        "STAMP": stamp,
+        "CHECKSUM": checksum,
+        "GUARD": state,
+        "GUARD_LIMITS": limits,
+        "GUARD_ROOM": GuardLimits.size(len(readings.entries)),
+        "HEALTHY": healthy,
+        "PERIOD_US": period,
         "N_RPDOS": len(pdos[Direction.RPDO]),
         "N_PDOS": len(mapped),
         "PDO_ENTRIES": max(mapped, default=1),
@@ -174,7 +197,8 @@ def _run(run: Run, limits: list[str]) -> str:
     bits = (
         *(entry.readable, entry.writable, entry.mappable_tx, entry.mappable_rx, entry.relative),
         *(kind in datatypes.SIGNED_TYPES, kind == datatypes.BOOLEAN, kind in FLOATS),
-        *(is_parameter(entry), is_parameter(entry) and is_verified(entry.index)),
+        is_parameter(entry) and is_verified(entry.index),
+        *(is_parameter(entry) and entry.index in AREAS[group] for group in GROUPS),
     )
     access = sum(1 << k for k, has in enumerate(bits) if has)
     limit = limits.index(_limit(entry))

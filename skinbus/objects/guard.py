@@ -61,6 +61,11 @@ class GuardLimits:
     weights: Ints
     """(n_tactels,) 0..MAX_WEIGHT; a tactel with weight 0 and NO_LIMIT is not guarded."""
 
+    @staticmethod
+    def size(n_tactels: int) -> int:
+        """Return the number of bytes of the object."""
+        return _HEAD.size + 4 * n_tactels + 2
+
     def encode(self) -> bytes:
         """Return the bytes of the object."""
         body = _HEAD.pack(self.n, self.m, self.sum_limit)
@@ -74,8 +79,8 @@ class GuardLimits:
         Raises:
             ValueError: wrong length, checksum, n, m or weight.
         """
-        if len(data) != _HEAD.size + 4 * n_tactels + 2:
-            raise ValueError(f"{len(data)} bytes; wanted {_HEAD.size + 4 * n_tactels + 2}")
+        if len(data) != cls.size(n_tactels):
+            raise ValueError(f"{len(data)} bytes; wanted {cls.size(n_tactels)}")
         if crc_hqx(data[:-2], 0) != int.from_bytes(data[-2:], "little"):
             raise ValueError("wrong checksum")
         n, m, sum_limit = _HEAD.unpack_from(data)

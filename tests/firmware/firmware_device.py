@@ -19,7 +19,7 @@ from skinbus.objects.cia import NmtState
 from skinbus.objects.eds import load_eds
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Werror")
-FLAGS = (*WARNINGS, "-O1", "-DSB_SAMPLE_US=0")
+FLAGS = (*WARNINGS, "-O1", "-DSB_PERIOD_US=0")
 PAGE = 8192
 EMPTY = b"\xff" * 2 * PAGE
 PORT = Path(__file__).parent / "library.c"
@@ -184,7 +184,7 @@ class FirmwareDevice(Core):
         return self.library.sb_error_end(self._at, code, five(data))
 
     def transmit_tpdo(self, number):
-        return self.library.sb_request(self._at, number - 1)
+        return self.library.sb_request(self._at, 0x17FF + number)
 
     def command(self, command):
         self.library.sb_command(self._at, command)

@@ -13,7 +13,6 @@ from skinbus.node.layout import ImageLayout
 
 WATCHED = 9
 STAMP = 0x2070
-GUARD = 0x2080, 0x2081
 STEPS_US = (0, 0, 0, 1, 50, 1_000, 5_000, 20_000, 100_000, 700_000, 1_200_000)
 COMMANDS = (1, 1, 1, 2, 128, 128, 129, 130, 3)
 SIGNATURES = (b"save", b"load", b"evas")
@@ -29,8 +28,7 @@ class Traffic:
         self.has_events = layout.max_pdo_bits == 8 * CLASSIC_BYTES
         lines = (Path(__file__).parent / "traffic.txt").read_text().splitlines()
         self.table = [line.partition(";")[0] for line in lines if self.has_events or ";" not in line]
-        # the core does not guard yet
-        entries = [entry for entry in layout.entries.values() if entry.index not in GUARD]
+        entries = layout.entries.values()
         self.entries = [e for e in entries if not (self.has_events and e.index == STAMP)]
         self.parameters = [e for e in self.entries if 0x1000 < e.index < 0x1F00 and e.writable]
         self.kinds = (

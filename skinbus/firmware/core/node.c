@@ -23,7 +23,7 @@ bool sb_send(struct sb_board *b, uint32_t id, const uint8_t *data, uint8_t n, bo
 
 /* --- EMCY, error register and history (CiA 301, 7.2.7) -------------------------------------------- */
 
-static uint64_t emcy_tick(struct sb_board *b)
+uint64_t sb_emcy_tick(struct sb_board *b)
 {
     while (b->n_waiting && has_emcy(b->state) && b->now >= b->emcy_free) {
         const uint32_t id = sb_get(b, 0x1014, 0);
@@ -113,7 +113,7 @@ static void enter(struct sb_board *b, uint8_t state)
         b->sdo_command = 0;
     }
     sb_pdo_enter(b);
-    emcy_tick(b);
+    sb_emcy_tick(b);
 }
 
 /* --- Error control: heartbeat, node guarding, the heartbeats of others ---------------------------- */
@@ -248,14 +248,15 @@ static void sync_receive(struct sb_board *b, const struct sb_frame *frame)
 
 static void boot(struct sb_board *b, bool is_application)
 {
-    const unsigned others = is_application ? SB_APPLICATION | SB_MANUFACTURER : 0;
-    const bool is_loaded = sb_storage_load(b, SB_COMMUNICATION | others);
+    const bool is_loaded = sb_storage_load(b, is_application ? SB_PARAMETER : SB_COMMUNICATION);
     b->is_mark_old = b->is_mark_old && !is_application;
     if (b->is_mark_old)
         sb_clear_marks(b);
     b->n_errors = b->n_waiting = b->guard_toggle = 0;
     sb_put(b, 0x1001, 0, 0);
     sb_put(b, 0x1003, 0, 0);
+    sb_put(b, SB_GUARD, 1, 0);
+    sb_put(b, SB_GUARD, 2, 0);
     b->emcy_free = 0;
     b->beat = b->sync_closes = SB_NEVER;
     sb_pdo_configure(b);
@@ -393,7 +394,7 @@ void sb_receive(struct sb_board *b, const struct sb_frame *frame, uint32_t now_u
 uint32_t sb_poll(struct sb_board *b, uint32_t now_us)
 {
     static uint64_t (*const ticks[])(struct sb_board *) = {
-        sb_event_tick, sb_sdo_tick, heartbeat_tick, watched_tick, sb_pdo_tick, emcy_tick};
+        sb_scan_tick, sb_sdo_tick, heartbeat_tick, watched_tick, sb_pdo_tick, sb_emcy_tick};
     uint64_t wake = SB_NEVER;
     be_booted(b, now_us);
     for (unsigned i = 0; i < sizeof ticks / sizeof *ticks; i++)

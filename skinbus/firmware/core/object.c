@@ -81,15 +81,18 @@ bool sb_set(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data
     memmove(to, data, n); /* a text may be in its place already */
     sb_pdo_changed(b, index);
     sb_node_changed(b, index);
+    sb_guard_changed(b, index);
     return true;
 }
 
-/* Put defaults where the bus can write or the node-ID counts; all else is the device's own and stays. */
+/* Put defaults where the bus can write or the node-ID counts; all else is the device's own and stays. Limits of the
+ * guard are no parameter: they go with every reset. */
 void sb_load_defaults(struct sb_board *b, bool is_application)
 {
     for (const struct sb_run *run = sb_runs; run < sb_runs + SB_N_RUNS; run++) {
         uint8_t *to = &b->image[run->at];
-        if (!(run->access & (SB_WRITE | SB_RELATIVE)) || (run->index >= FIRST_APPLICATION && !is_application))
+        const bool is_kept = run->index >= FIRST_APPLICATION && run->access & SB_PARAMETER && !is_application;
+        if (!(run->access & (SB_WRITE | SB_RELATIVE)) || is_kept)
             continue;
         if (!run->size)
             sb_store(to, SB_NOWHERE, 2);
@@ -218,8 +221,11 @@ uint32_t sb_write(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t
     const uint32_t value = sb_load(data, n < 4 ? n : 4);
     uint32_t code;
     if ((code = sb_check(run, data)) != 0 || (code = sb_pdo_check(b, index, sub, value)) != 0 ||
-        (code = sb_node_check(b, index, sub, value)) != 0 || (code = sb_ask_host(b, index, sub, data)) != 0)
+        (code = sb_node_check(b, index, sub, value)) != 0 || (code = sb_guard_check(index, data, n)) != 0 ||
+        (code = sb_ask_host(b, index, sub, data)) != 0)
         return code;
+    if (index == SB_GUARD)
+        return sb_guard_acknowledge(b, value);
     if (index == STORE || index == RESTORE)
         return sb_storage_command(b, index, sub, data);
     const bool is_new = !run->size || memcmp(sb_at(b, index, sub), data, n) != 0;

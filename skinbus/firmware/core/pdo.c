@@ -50,6 +50,7 @@ static uint32_t map(struct sb_board *b, struct sb_pdo *pdo, uint32_t n)
     const uint8_t *longer = lengths;
     const uint16_t mapping = (uint16_t)(pdo->index + TO_MAPPING);
     unsigned bits = 0;
+    pdo->has_readings = false;
     if (n > SB_PDO_ENTRIES || (n && !sb_find(mapping, (uint8_t)n)))
         return ABORT_PDO_TOO_LONG;
     for (uint8_t i = 0; i < n; i++) {
@@ -57,6 +58,7 @@ static uint32_t map(struct sb_board *b, struct sb_pdo *pdo, uint32_t n)
         if (code)
             return code;
         bits += pdo->slots[i].bits;
+        pdo->has_readings |= is_reading(&pdo->slots[i]);
     }
     if (bits > 8u * SB_FRAME_BYTES)
         return ABORT_PDO_TOO_LONG;
@@ -126,9 +128,9 @@ static void copy_bits(uint8_t *to, unsigned at, const uint8_t *from, unsigned fr
 
 /* --- Readings ------------------------------------------------------------------------------------- */
 
-static int16_t reading(const struct sb_board *b, uint8_t sub)
+int32_t sb_reading(const struct sb_board *b, unsigned tactel)
 {
-    const uint8_t *at = &b->image[SB_READINGS_AT + SB_READING_BYTES * (sub - 1u)];
+    const uint8_t *at = &b->image[SB_READINGS_AT + SB_READING_BYTES * tactel];
     return SB_READING_BYTES == 1 ? (int8_t)*at : (int16_t)sb_load(at, 2);
 }
 
@@ -155,30 +157,36 @@ static void sample_for_pdos(struct sb_board *b, uint8_t counter)
 static bool is_worth_telling(const struct sb_board *b, uint8_t sub)
 {
     const uint32_t select = sb_get(b, 0x6421, sub), band = select & DELTA ? sb_get(b, 0x6426, sub) : 0;
-    const int32_t value = reading(b, sub), step = value - b->sent[sub - 1];
+    const int32_t value = sb_reading(b, sub - 1u), step = value - b->sent[sub - 1];
     if (b->is_sent_known[sub - 1] && (uint32_t)(step < 0 ? -step : step) <= band)
         return false;
     return (select && !(select & (UPPER | LOWER))) || (select & UPPER && value >= (int32_t)sb_get(b, 0x6424, sub)) ||
            (select & LOWER && value <= (int32_t)sb_get(b, 0x6425, sub));
 }
 
-/* Ask for every TPDO with a reading worth telling. */
-uint64_t sb_event_tick(struct sb_board *b)
+/* Take a sample when it is time, for the guard and for events; ask for every TPDO with a reading worth telling. */
+uint64_t sb_scan_tick(struct sb_board *b)
 {
-    const bool is_due = b->now >= b->sampled + SB_SAMPLE_US;
     bool is_watching = false;
     for (struct sb_pdo *pdo = b->pdos; sb_get(b, 0x6423, 0) && pdo < b->pdos + SB_N_PDOS; pdo++)
-        for (unsigned i = 0; i < pdo->n_slots; i++) {
-            if (!is_reading(&pdo->slots[i]) || !has_events(b, pdo))
-                continue;
-            if (is_due && !is_watching) {
-                b->sampled = b->now;
-                sample_for_pdos(b, 0);
-            }
-            is_watching = true;
-            pdo->requested |= is_due && is_worth_telling(b, pdo->slots[i].sub);
-        }
-    return is_watching && SB_SAMPLE_US ? b->sampled + SB_SAMPLE_US : SB_NEVER;
+        is_watching |= pdo->has_readings && has_events(b, pdo);
+    if (!is_watching && !sb_guards(b)) {
+        sb_guard_compare(b);
+        b->sampled = b->now;
+        return SB_NEVER;
+    }
+    if (b->now >= b->sampled + SB_PERIOD_US) {
+        b->sampled = b->now;
+        if (is_watching)
+            sample_for_pdos(b, 0);
+        else
+            sb_sample(b);
+        sb_guard_compare(b);
+        for (struct sb_pdo *pdo = b->pdos; is_watching && pdo < b->pdos + SB_N_PDOS; pdo++)
+            for (unsigned i = 0; has_events(b, pdo) && i < pdo->n_slots; i++)
+                pdo->requested |= is_reading(&pdo->slots[i]) && is_worth_telling(b, pdo->slots[i].sub);
+    }
+    return SB_PERIOD_US ? b->sampled + SB_PERIOD_US : SB_NEVER;
 }
 
 /* --- TPDOs ---------------------------------------------------------------------------------------- */
@@ -202,20 +210,21 @@ static void send(struct sb_board *b, const struct sb_pdo *pdo)
         copy_bits(frame.data, bit, slot->at, 0, slot->bits);
         bit += slot->bits;
         if (!is_cyclic(pdo) && is_reading(slot)) {
-            b->sent[slot->sub - 1] = reading(b, slot->sub);
+            b->sent[slot->sub - 1] = (int16_t)sb_reading(b, slot->sub - 1u);
             b->is_sent_known[slot->sub - 1] = true;
         }
     }
     can_send(b, &frame, false);
 }
 
-bool sb_request(struct sb_board *b, unsigned tpdo)
+bool sb_request(struct sb_board *b, uint16_t index)
 {
-    struct sb_pdo *pdo = &b->pdos[SB_N_RPDOS + tpdo];
-    if (SB_N_RPDOS + tpdo >= SB_N_PDOS || !has_events(b, pdo))
-        return false;
-    pdo->requested = true;
-    return true;
+    bool is_any = false;
+    for (struct sb_pdo *pdo = b->pdos; pdo < b->pdos + SB_N_PDOS; pdo++)
+        for (unsigned i = 0; has_events(b, pdo) && i < pdo->n_slots; i++)
+            if (pdo->index == index || pdo->slots[i].index == index)
+                is_any = pdo->requested = true;
+    return is_any;
 }
 
 /* Count one SYNC for a TPDO that is not sent with each; return whether it is sent with this one. */
@@ -383,9 +392,9 @@ uint64_t sb_pdo_tick(struct sb_board *b)
             if (!pdo->is_sent)
                 report(b, pdo->id, ERROR_RPDO_TIMEOUT, true);
             else {
-                if (!is_sampled)
+                if (pdo->has_readings && !is_sampled)
                     sample_for_pdos(b, 0); /* PDOs carry the values of the moment */
-                is_sampled = true;
+                is_sampled |= pdo->has_readings;
                 send(b, pdo);
             }
         }

@@ -43,8 +43,8 @@ static void begin(struct sb_board *b, uint8_t command, uint32_t least, uint32_t 
     b->sdo_deadline = sb_after(b, TIMEOUT_MS);
 }
 
-/* Begin a download: numbers are written when all of their bytes are there, texts come into their place, where from
- * here on there is none. */
+/* Begin a download: what fits the buffer is written when all of its bytes are there; longer texts come into their
+ * place, where from here on there is none. */
 static uint32_t begin_download(struct sb_board *b, bool is_announced, uint32_t n)
 {
     const struct sb_run *run = sb_find(b->sdo_index, b->sdo_sub);
@@ -55,7 +55,7 @@ static uint32_t begin_download(struct sb_board *b, bool is_announced, uint32_t n
         return ABORT_LENGTH_LOW;
     begin(b, DOWNLOAD, is_announced ? n : size, is_announced ? n : room);
     b->sdo_data = b->sdo_buffer;
-    if (!size) {
+    if (room > sizeof b->sdo_buffer) {
         b->sdo_data = sb_at(b, b->sdo_index, b->sdo_sub) + 2;
         sb_store(b->sdo_data - 2, SB_NOWHERE, 2);
     }

@@ -15,19 +15,18 @@
 #ifndef SB_TEXT_ROOM
 #define SB_TEXT_ROOM 2048 /* bytes of RAM, and of flash, for each text that can be written (residual map) */
 #endif
-#ifndef SB_SAMPLE_US
-#define SB_SAMPLE_US 1000 /* how often readings are looked at for events (254, 255) */
-#endif
 #define SB_ERRORS 16   /* errors that are there at once, and EMCY messages that wait */
 #define SB_NOWHERE 0xFFFFu
 #define SB_UNCONFIGURED 0xFFu /* node-ID of a board that has none */
 #define SB_NEVER UINT64_MAX
+#define SB_GFC 0x001 /* global fail-safe command (EN 50325-5) */
 
 /* --- The object dictionary, as tables ------------------------------------------------------------- */
 
 enum { SB_READ = 1, SB_WRITE = 2, SB_MAP_TX = 4, SB_MAP_RX = 8, SB_RELATIVE = 16 /* to the node-ID */ };
 enum { SB_SIGNED = 32, SB_BOOLEAN = 64, SB_REAL = 128 };
-enum { SB_PARAMETER = 256 /* is stored */, SB_VERIFIED = 512 /* is in the checksum */ };
+enum { SB_VERIFIED = 256 /* is in the checksum */, SB_COMMUNICATION = 512, SB_APPLICATION = 1024, SB_MANUFACTURER = 2048 };
+enum { SB_PARAMETER = SB_COMMUNICATION | SB_APPLICATION | SB_MANUFACTURER /* is stored */, SB_LSS_GROUP = 4096 };
 
 struct sb_run { /* consecutive sub-indices of one kind */
     uint16_t index;
@@ -57,7 +56,8 @@ struct sb_board;
 
 /* A port implements these six; its main loop calls sb_receive for each frame and then sb_poll. */
 bool can_send(struct sb_board *b, const struct sb_frame *frame, bool urgent); /* false: no room now; urgent
-    frames have a mailbox of their own, or heartbeats and EMCY wait behind readings */
+    frames have a mailbox of their own, or heartbeats and EMCY wait behind readings; so has SB_GFC, or it waits
+    behind those */
 bool can_receive(struct sb_board *b, struct sb_frame *frame); /* false: no more */
 uint32_t micros(struct sb_board *b);                          /* may wrap around */
 uint8_t sample(struct sb_board *b, int16_t readings[SB_N_TACTELS], uint16_t *age_100us); /* left-adjusted;
@@ -80,7 +80,7 @@ struct sb_pdo {
     uint16_t index, id, inhibit, timer;
     uint8_t type, start, length, n_slots;
     uint8_t countdown; /* SYNCs to the next transmission */
-    bool is_sent, valid, awaits_start, requested; /* is_sent: a TPDO */
+    bool is_sent, has_readings, valid, awaits_start, requested; /* is_sent: a TPDO */
     bool is_waiting; /* an RPDO waits for SYNC, with its data */
     uint8_t data[SB_FRAME_BYTES];
     struct sb_slot slots[SB_PDO_ENTRIES];
@@ -106,8 +106,10 @@ struct sb_board {
         abort code refuses a write from the bus, such as a command (0x2050) */
     void (*on_bit_rate)(struct sb_board *, uint8_t index, uint16_t delay_ms); /* may be NULL; LSS */
 
-    uint64_t beat, emcy_free, sync_closes, sampled;
+    uint64_t beat, emcy_free, sync_closes, sampled; /* sampled: between SYNCs */
     uint8_t guard_toggle;
+    uint8_t beyond;   /* bit k: whether the guard found sample k before the newest one beyond a limit */
+    bool is_stop_due; /* GFC found no room */
 
     struct sb_error errors[SB_ERRORS];
     uint8_t n_errors, n_waiting, waiting[SB_ERRORS][8];
@@ -120,7 +122,7 @@ struct sb_board {
     uint8_t sdo_command, sdo_sub, sdo_toggle; /* command 0: no transfer */
     uint16_t sdo_index;
     uint32_t sdo_least, sdo_most, sdo_done; /* bytes */
-    uint8_t *sdo_data, sdo_buffer[8];
+    uint8_t *sdo_data, sdo_buffer[SB_GUARD_ROOM]; /* for numbers, too */
     uint64_t sdo_deadline;
 
     bool lss_configures;
@@ -136,7 +138,8 @@ void sb_receive(struct sb_board *b, const struct sb_frame *frame, uint32_t now_u
 uint32_t sb_poll(struct sb_board *b, uint32_t now_us); /* returns the us until it wants to be called again */
 bool sb_hears(struct sb_board *b, uint16_t id, bool is_remote); /* for filters of the controller */
 void sb_command(struct sb_board *b, uint8_t command);
-bool sb_request(struct sb_board *b, unsigned tpdo); /* from 0; false if it is not sent on events now */
+bool sb_request(struct sb_board *b, uint16_t index); /* a TPDO, by its first object, or all that carry an object;
+    false if none is sent on events now */
 bool sb_error(struct sb_board *b, uint16_t code, uint8_t bits, const uint8_t *data); /* data: 5 bytes or NULL */
 bool sb_error_end(struct sb_board *b, uint16_t code, const uint8_t *data);           /* NULL: all with this code */
 bool sb_set(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data, uint32_t n); /* no rights */
@@ -163,7 +166,7 @@ enum {
 };
 enum {
     ERROR_DATA_SET = 0x6300, ERROR_COMMUNICATION = 0x8100, ERROR_HEARTBEAT = 0x8130, ERROR_PDO_LENGTH = 0x8210,
-    ERROR_PDO_TOO_LONG = 0x8220, ERROR_SYNC_LENGTH = 0x8240, ERROR_RPDO_TIMEOUT = 0x8250
+    ERROR_PDO_TOO_LONG = 0x8220, ERROR_SYNC_LENGTH = 0x8240, ERROR_RPDO_TIMEOUT = 0x8250, ERROR_GUARD = 0xFF01
 };
 #define COB_INVALID 0x80000000u
 #define COB_NO_RTR 0x40000000u
@@ -194,6 +197,7 @@ uint32_t sb_ask_host(struct sb_board *b, uint16_t index, uint8_t sub, const uint
 uint32_t sb_crc(uint32_t crc, const uint8_t *data, size_t n);
 
 /* node.c */
+uint64_t sb_emcy_tick(struct sb_board *b);
 bool sb_send(struct sb_board *b, uint32_t id, const uint8_t *data, uint8_t n, bool urgent);
 void sb_report(struct sb_board *b, uint16_t code, const uint8_t *data, bool is_there);
 void sb_reset(struct sb_board *b, bool is_application);
@@ -215,14 +219,21 @@ bool sb_rpdo_hears(const struct sb_board *b, uint16_t id);
 void sb_rpdo_receive(struct sb_board *b, const struct sb_frame *frame);
 void sb_pdo_sync(struct sb_board *b, uint8_t counter);
 uint64_t sb_pdo_tick(struct sb_board *b);
-uint64_t sb_event_tick(struct sb_board *b);
+uint64_t sb_scan_tick(struct sb_board *b);
+int32_t sb_reading(const struct sb_board *b, unsigned tactel); /* from 0 */
 void sb_sample(struct sb_board *b);
+
+/* guard.c */
+bool sb_guards(struct sb_board *b);
+uint32_t sb_guard_check(uint16_t index, const uint8_t *data, uint32_t n);
+uint32_t sb_guard_acknowledge(struct sb_board *b, uint32_t word);
+void sb_guard_changed(struct sb_board *b, uint16_t index);
+void sb_guard_compare(struct sb_board *b);
 
 /* lss.c */
 void sb_lss_receive(struct sb_board *b, const struct sb_frame *frame);
 
 /* storage.c */
-enum { SB_COMMUNICATION = 1, SB_APPLICATION = 2, SB_MANUFACTURER = 4, SB_LSS_GROUP = 8 };
 bool sb_storage_load(struct sb_board *b, unsigned groups); /* false: damaged, or of another device */
 uint32_t sb_storage_command(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data);
 uint32_t sb_storage_keep_node_id(struct sb_board *b);

@@ -28,15 +28,6 @@ struct page { /* one that is read or written, and where */
 };
 enum { NONE = 2, DAMAGED = 3 }; /* in place of its number: nothing was ever stored; what was is not whole */
 
-/* Return the group that a run is stored with, 0 for no parameters. */
-static unsigned group_of(const struct sb_run *run)
-{
-    return !(run->access & SB_PARAMETER) ? 0
-           : run->index < 0x2000         ? SB_COMMUNICATION
-           : run->index < 0x6000         ? SB_MANUFACTURER
-                                         : SB_APPLICATION;
-}
-
 static void get(struct page *page, void *data, size_t n)
 {
     page->is_good = page->is_good && page->at + n <= page->b->flash_bytes &&
@@ -103,7 +94,7 @@ static uint32_t rewrite(struct sb_board *b, unsigned fresh, unsigned dropped, bo
     }
     put(&to, &head, sizeof head);
     for (const struct sb_run *run = sb_runs; run < sb_runs + SB_N_RUNS; run++) {
-        const unsigned group = group_of(run);
+        const unsigned group = run->access & SB_PARAMETER;
         const bool is_kept = !((fresh | dropped) & group) && !(is_mark_dropped && run->index == MARKS);
         const uint8_t *at = &b->image[run->at];
         uint16_t n = 0, n_stored;
@@ -142,9 +133,9 @@ bool sb_storage_load(struct sb_board *b, unsigned groups)
     page.is_good = page.is_good && head.dictionary == SB_DICTIONARY;
     for (const struct sb_run *run = sb_runs; page.is_good && run < sb_runs + SB_N_RUNS; run++) {
         uint16_t n = 0;
-        if (group_of(run))
+        if (run->access & SB_PARAMETER)
             get(&page, &n, 2);
-        if (n && group_of(run) & groups && (run->size || n <= 2 + sb_room(run)))
+        if (n && run->access & groups && (run->size || n <= 2 + sb_room(run)))
             get(&page, &b->image[run->at], n);
         else
             page.at += n;
@@ -161,10 +152,9 @@ uint32_t sb_storage_keep_node_id(struct sb_board *b)
 
 uint32_t sb_storage_command(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data)
 {
-    static const uint8_t groups[] = {0, SB_COMMUNICATION | SB_APPLICATION | SB_MANUFACTURER, SB_COMMUNICATION,
-                                     SB_APPLICATION, SB_MANUFACTURER};
+    static const uint16_t groups[] = {0, SB_PARAMETER, SB_COMMUNICATION, SB_APPLICATION, SB_MANUFACTURER};
     const bool is_save = index == 0x1010;
-    const unsigned group = sub < sizeof groups ? groups[sub] : 0;
+    const unsigned group = sub < sizeof groups / sizeof *groups ? groups[sub] : 0;
     if (sb_load(data, 4) != (is_save ? SAVE : LOAD))
         return ABORT_NOT_STORED;
     if (!b->flash_bytes)

@@ -10,7 +10,7 @@ static struct sb_board board;
 bool can_send(struct sb_board *b, const struct sb_frame *frame, bool urgent)
 {
     /* Put the frame into a free mailbox or a queue of yours, or return false: a SYNC asks for all TPDOs at once.
-     * Keep one mailbox for urgent frames. All others go out in the order of the calls, or readings overtake each
+     * Keep one mailbox for urgent frames, and one for SB_GFC, which is urgent and must win. All others go out in the order of the calls, or readings overtake each
      * other. If frame->expires, take it out of queue and mailbox when micros() passes frame->t_us. SB_FD: a frame
      * of CAN FD with a bit rate switch. */
     (void)b, (void)frame, (void)urgent;

@@ -6,7 +6,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <time.h>
 #include <unistd.h>
@@ -41,9 +40,8 @@ bool can_receive(struct sb_board *b, struct sb_frame *frame)
         return false;
     }
     memset(frame, 0, sizeof *frame);
-    frame->id = (uint16_t)(in.can_id & CAN_SFF_MASK);
-    if (in.can_id & (CAN_EFF_FLAG | CAN_ERR_FLAG))
-        frame->id = 0x7FF; /* which no board hears */
+    /* of extended frames and error frames an identifier that no board hears */
+    frame->id = (uint16_t)(in.can_id & (CAN_EFF_FLAG | CAN_ERR_FLAG) ? 0x7FF : in.can_id & CAN_SFF_MASK);
     frame->flags = (uint8_t)((in.can_id & CAN_RTR_FLAG ? SB_REMOTE : 0) | ((size_t)n == CANFD_MTU ? SB_FD : 0));
     frame->length = in.len;
     memcpy(frame->data, in.data, in.len < SB_FRAME_BYTES ? in.len : SB_FRAME_BYTES);
@@ -91,18 +89,14 @@ int main(int n, char **words)
         fprintf(stderr, "usage: %s INTERFACE NODE-ID [SERIAL [PARAMETER-FILE]]\n", words[0]);
         return 2;
     }
-    struct ifreq interface = {0};
-    struct sockaddr_can address = {.can_family = AF_CAN};
+    struct sockaddr_can address = {.can_family = AF_CAN, .can_ifindex = (int)if_nametoindex(words[1])};
     const int on = 1;
-    strncpy(interface.ifr_name, words[1], IFNAMSIZ - 1);
     can = socket(PF_CAN, SOCK_RAW, CAN_RAW);
     if (can < 0) { /* a kernel without CAN */
         perror("CAN sockets");
         return 1;
     }
     setsockopt(can, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on);
-    if (ioctl(can, SIOCGIFINDEX, &interface) == 0)
-        address.can_ifindex = interface.ifr_ifindex;
     if (!address.can_ifindex || bind(can, (struct sockaddr *)&address, sizeof address) != 0) {
         perror(words[1]);
         return 1;

@@ -23,14 +23,12 @@
 #define FLASH_PAGE 2048u
 #define CONVERTER_BITS 12
 #define SETTLE_US 10u
-#define URGENT 2u /* the mailbox that is kept for urgent frames */
-#define QUEUE 16u /* frames that wait for the others: a SYNC asks for eight at most */
+#define QUEUE 16u /* frames that wait for their mailbox: a SYNC asks for eight at most */
 
 static struct sb_board board;
 static struct sb_frame queue[QUEUE];
 static unsigned first, n_queued;
-static bool expires[3]; /* by mailbox */
-static uint32_t expiry[3];
+static struct sb_frame last; /* in mailbox 0 */
 
 uint32_t micros(struct sb_board *b)
 {
@@ -40,45 +38,40 @@ uint32_t micros(struct sb_board *b)
 
 static bool put(const struct sb_frame *frame, unsigned mailbox)
 {
-    uint8_t data[8] = {0};
     if (!(CAN(0x08) >> (26 + mailbox) & 1)) /* TSR: TME */
         return false;
-    memcpy(data, frame->data, frame->length < 8 ? frame->length : 8);
     CAN(MAILBOX(mailbox) + 4) = frame->length;
-    CAN(MAILBOX(mailbox) + 8) = sb_load(data, 4);
-    CAN(MAILBOX(mailbox) + 12) = sb_load(&data[4], 4);
+    CAN(MAILBOX(mailbox) + 8) = sb_load(frame->data, 4);
+    CAN(MAILBOX(mailbox) + 12) = sb_load(&frame->data[4], 4);
     CAN(MAILBOX(mailbox)) = (uint32_t)frame->id << 21 | 1; /* TXRQ */
-    expires[mailbox] = frame->expires;
-    expiry[mailbox] = frame->t_us;
+    if (mailbox == 0)
+        last = *frame;
     return true;
 }
 
-static bool is_late(bool expiring, uint32_t t_us)
+static bool is_late(const struct sb_frame *frame)
 {
-    return expiring && (int32_t)(micros(&board) - t_us) > 0;
+    return frame->expires && (int32_t)(micros(&board) - frame->t_us) > 0;
 }
 
+/* A mailbox for each kind: of those that are full the controller sends the lowest identifier. */
 bool can_send(struct sb_board *b, const struct sb_frame *frame, bool urgent)
 {
     (void)b;
     if (urgent)
-        return put(frame, URGENT);
+        return put(frame, frame->id == SB_GFC ? 2 : 1);
     if (n_queued == QUEUE)
         return false;
     queue[(first + n_queued++) % QUEUE] = *frame;
     return true;
 }
 
-/* Let what waits go on to the mailboxes, in its order, and take out of them what is late. */
+/* Let what waits go on to mailbox 0, in its order, and take out of it what is late. */
 static void send_queued(void)
 {
-    for (unsigned k = 0; k < URGENT; k++)
-        if (is_late(expires[k], expiry[k])) {
-            expires[k] = false;
-            CAN(0x08) = 0x80u << 8 * k; /* ABRQ */
-        }
-    while (n_queued && (is_late(queue[first].expires, queue[first].t_us) || put(&queue[first], 0) ||
-                        put(&queue[first], 1))) {
+    if (is_late(&last))
+        CAN(0x08) = 0x80; /* ABRQ0 */
+    while (n_queued && (is_late(&queue[first]) || put(&queue[first], 0))) {
         first = (first + 1) % QUEUE;
         n_queued--;
     }
@@ -172,7 +165,7 @@ static void start_hardware(void)
     ADC(0x08) = 1; /* ADEN */
     ADC(0x28) = 1; /* channel 0 */
     ADC(0x14) = 2; /* 13.5 cycles */
-    CAN(0x00) = 0x45; /* MCR: INRQ, TXFP (in the order of requests), ABOM (recovers from bus-off) */
+    CAN(0x00) = 0x41; /* MCR: INRQ, ABOM (recovers from bus-off) */
     while (!(CAN(0x04) & 1)) {
     }
     CAN(0x1C) = 2u | 12u << 16 | 1u << 20; /* BTR: 48 MHz / 3, 1 + 13 + 2 quanta, sample point 87.5 % */
@@ -181,7 +174,7 @@ static void start_hardware(void)
     CAN(0x240) = CAN(0x244) = 0;
     CAN(0x21C) |= 1;
     CAN(0x200) &= ~1u;
-    CAN(0x00) = 0x44;
+    CAN(0x00) = 0x40;
 }
 
 extern uint32_t data_from[], data_begin[], data_end[], bss_begin[], bss_end[];
