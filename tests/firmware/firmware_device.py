@@ -17,6 +17,7 @@ from skinbus.firmware import write_project
 from skinbus.node.layout import ImageLayout, key_of
 from skinbus.objects.cia import NmtState
 from skinbus.objects.eds import load_eds
+from skinbus.objects.guard import GFC_ID
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Werror")
 FLAGS = (*WARNINGS, "-O1", "-DSB_PERIOD_US=0")
@@ -205,6 +206,7 @@ class FirmwareDevice(Core):
             self._take(now_ns, took)
         wait = self.library.sb_poll(self._at, now_us & 0xFFFFFFFF)
         self._take(now_ns, took)
+        took.sort(key=lambda frame: frame.can_id != GFC_ID)  # it has a mailbox of its own, and wins
         return Step(took, [], NEVER if wait == 2**32 - 1 else (now_us + wait) * 1000)
 
     def _take(self, now_ns, took):

@@ -57,6 +57,23 @@ static void make(struct sb_frame *frame, uint8_t node_id)
         frame->length = random_below(8) ? 8 : frame->length;
 }
 
+/* Write limits of the guard, most of them right. */
+static void write_limits(struct sb_board *b)
+{
+    uint8_t data[SB_GUARD_ROOM];
+    uint32_t crc = 0;
+    for (unsigned i = 0; i < sizeof data; i++)
+        data[i] = (uint8_t)random_below(i < 2 ? 9 : 256);
+    for (unsigned i = 0; i < SB_N_TACTELS; i++)
+        data[7 + 2 * SB_N_TACTELS + 2 * i] &= random_below(50) ? 3 : 7;
+    for (unsigned bit = 0; bit < 8 * (sizeof data - 2); bit++) {
+        crc ^= bit % 8 ? 0 : (uint32_t)data[bit / 8] << 8;
+        crc = (crc << 1 ^ (crc >> 15 ? 0x1021 : 0)) & 0xFFFF;
+    }
+    sb_store(&data[sizeof data - 2], crc, 2);
+    sb_write(b, SB_GUARD_LIMITS, 0, data, random_below(20) ? sizeof data : random_below(sizeof data));
+}
+
 int main(int n, char **words)
 {
     need(n == 3, "arguments: seed, number of frames");
@@ -67,7 +84,7 @@ int main(int n, char **words)
     struct sb_board *b = &library->board;
     uint8_t *flash = malloc(2 * page);
     uint32_t now = 0xFFFF0000u; /* soon wraps around */
-    unsigned long n_sent = 0;
+    unsigned long n_sent = 0, n_stops = 0;
     memset(flash, 0xFF, 2 * page);
     library_init(library, 5, 1, flash, page);
     for (unsigned long i = 0; i < n_frames; i++) {
@@ -79,18 +96,25 @@ int main(int n, char **words)
         }
         if (random_below(500) == 0)
             library->n_writes = random_below(60);
-        library->status = (uint8_t)random_below(4);
-        library->age_100us = (uint16_t)random_below(65536);
+        library->status = (uint8_t)(random_below(2) ? 0 : random_below(4));
+        library->age_100us = (uint16_t)random_below(random_below(2) ? 40 : 65536);
         library->readings[random_below(SB_N_TACTELS)] = (int16_t)random_below(65536);
+        if (random_below(50) == 0)
+            write_limits(b);
+        if (random_below(100) == 0)
+            sb_write(b, SB_GUARD, 3, (const uint8_t *)"ackn", 4);
         make(&frame, b->node_id);
         now += random_below(4) ? random_below(3000) : random_below(2000000);
         frame.t_us = random_below(2) ? now : (uint32_t)random_below(UINT32_MAX);
         sb_receive(b, &frame, now);
         need(sb_poll(b, now) > 0, "wants to be called at once");
         need(b->state == 0 || b->state == 4 || b->state == 5 || b->state == 127, "no state of NMT");
+        need(!(sb_get(b, SB_GUARD, 1) & 1) || b->state == SB_OPERATIONAL, "armed where it sends nothing");
         need(b->n_errors <= SB_ERRORS && b->n_waiting <= SB_ERRORS, "too many errors");
         for (unsigned k = 0; k < library->n_out; k++) {
             const struct sb_frame *out = &library->out[k];
+            need(out->id != SB_GFC || sb_get(b, SB_GUARD, 1) & 2, "a stop without a trip");
+            n_stops += out->id == SB_GFC;
             need(out->id < 0x800 && out->length <= SB_FRAME_BYTES && !(out->flags & SB_REMOTE), "a wrong frame");
             need(b->node_id != SB_UNCONFIGURED || out->id == 0x7E4 || frame.id == 0x7E5 || frame.id == 0,
                  "speaks without a node-ID");
@@ -99,7 +123,8 @@ int main(int n, char **words)
         library->n_out = 0;
     }
     need(n_sent > n_frames / 20, "hardly any answer");
-    printf("%lu frames, %lu answers\n", n_frames, n_sent);
+    need(n_stops >= n_frames / 2000, "hardly any trip");
+    printf("%lu frames, %lu answers, %lu stops\n", n_frames, n_sent, n_stops);
     free(flash);
     free(library);
     return 0;

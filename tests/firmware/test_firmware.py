@@ -18,6 +18,7 @@ from skinbus.node import Device
 from skinbus.node.context import NS_PER_MS
 from skinbus.objects.eds import eds_names, find_eds, load_eds
 from skinbus.objects.eds_text import EdsText
+from skinbus.objects.guard import GFC_ID
 from skinbus.sim import load_scene
 from skinbus.skin.simulated import simulate
 from tests.firmware.firmware_device import EMPTY, FLAGS, FirmwareDevice, code_of
@@ -72,7 +73,11 @@ def run_both(eds, seed, n_steps):
     now_ns, wakes = 1_000_000, [NEVER, NEVER]
 
     def step(frames):
+        pair[0].sampled(0)  # as the firmware here does with every step
         steps = [device.step(now_ns, frames) for device in pair]
+        for step in steps:
+            if any(frame.can_id == GFC_ID for frame in step.frames):
+                step.frames.sort(key=lambda frame: frame.can_id)
         sent = [[(f.can_id, f.data.hex(" "), f.flags) for f in step.frames] for step in steps]
         said.append((now_ns // 1000, [f"{f.can_id:03X} {f.data.hex(' ')}" for f in frames], *sent))
         assert sent[0] == sent[1], "\n".join(map(str, said[-12:]))

@@ -7,9 +7,13 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
 from skinbus.can.fd import CLASSIC_BYTES, LENGTHS
 from skinbus.can.frame import RTR, Frame
 from skinbus.node.layout import ImageLayout
+from skinbus.objects.cia import READINGS
+from skinbus.objects.guard import NO_LIMIT, GuardLimits
 
 WATCHED = 9
 STAMP = 0x2070
@@ -31,7 +35,10 @@ class Traffic:
         entries = layout.entries.values()
         self.entries = [e for e in entries if not (self.has_events and e.index == STAMP)]
         self.parameters = [e for e in self.entries if 0x1000 < e.index < 0x1F00 and e.writable]
+        self.n_tactels = len(layout.subs(next(i for i in READINGS if i in layout.indices)))
+        self.left: list[Frame] = []
         self.kinds = (
+            *[self.limits] * 2,
             *[self.sync] * 6,
             *[self.read] * 3,
             *[self.write] * 8,
@@ -49,7 +56,8 @@ class Traffic:
 
     def __iter__(self) -> Iterator[tuple[int, Frame | None]]:
         while True:
-            yield self.rng.choice(STEPS_US), self.rng.choice(self.kinds)()
+            goes_on = self.left and self.rng.random() < 0.99
+            yield self.rng.choice(STEPS_US), self.left.pop(0) if goes_on else self.rng.choice(self.kinds)()
 
     def sdo(self, command: int, index: int, sub: int, data: bytes = b"") -> Frame:
         head = struct.pack("<BHB", command, index, sub)
@@ -86,6 +94,22 @@ class Traffic:
     def store(self) -> Frame:
         index, sub = self.rng.choice((0x1010, 0x1011)), self.rng.randrange(1, 6)
         return self.sdo(0x23, index, sub, self.rng.choice(SIGNATURES))
+
+    def limits(self) -> Frame:
+        """Limits of the guard, now and then spoilt or none; the segments follow."""
+        rng, n = self.rng, self.n_tactels
+        limits, weights = rng.choices((20, 60, 100, NO_LIMIT), k=n), rng.choices((0, 0, 1, 3), k=n)
+        m = rng.choice((1, 1, 1, 2, 4, 8, 9))
+        total = rng.choice((300, 2**31 - 1))
+        made = GuardLimits(rng.randint(1, m), m, total, np.array(limits), np.array(weights)).encode()
+        data = bytearray(made[: rng.choice((len(made),) * 9 + (0, 3))])
+        if data and not rng.randrange(9):
+            data[rng.randrange(len(data))] ^= 1
+        parts = [data[k : k + 7] for k in range(0, max(len(data), 1), 7)]
+        heads = [k % 2 << 4 | (7 - len(part)) << 1 | (k + 1 == len(parts)) for k, part in enumerate(parts)]
+        segments = [bytes([head]) + part.ljust(7, b"\0") for head, part in zip(heads, parts, strict=True)]
+        self.left = [Frame(0x600 + self.node_id, segment) for segment in segments]
+        return self.sdo(0x21, 0x2081, 0, len(data).to_bytes(4, "little"))
 
     def segment(self) -> Frame:
         rng = self.rng

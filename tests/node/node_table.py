@@ -41,7 +41,7 @@ from skinbus.objects.cia import (
 )
 from skinbus.objects.eds import load_eds
 from skinbus.objects.guard import NO_LIMIT, GuardLimits
-from skinbus.objects.profile import SampleStatus
+from skinbus.objects.profile import AGE_STEP_NS, SampleStatus
 from tests.firmware.firmware_device import EMPTY, FirmwareDevice, code_of
 
 NS_PER_MS = 1_000_000
@@ -82,6 +82,8 @@ class Row:
     section: str
     steps: Sequence[str]
     on: str
+    flags: Sequence[str]
+    """Of the compiler of firmware."""
     state: str = "pre"
     node_id: str = "0"
     storage: str = ""
@@ -94,14 +96,17 @@ def load_rows() -> Iterator[Row]:
     """All rows of all files."""
     for path in sorted((Path(__file__).parent / "conformance").glob("*.txt")):
         # the firmware refuses block transfers as commands that it does not know
-        # and does not guard; whoever has no host is told of no samples
-        boards = {"sdo_block": "patch,hosted", "guard": "hosted"}.get(path.stem, "patch,hosted,firmware")
+        # whoever has no host is told of no samples
+        boards = {"sdo_block": "patch,hosted", "guard": "hosted,firmware"}
         for text in path.read_text().split("\n# ")[1:]:
             head, *steps = text.strip().split("\n")
             name, section, *options = (part.strip() for part in head.split("|"))
             said = dict(option.split("=") for option in " ".join(options).split())
-            said["on"] = said.get("on", "patch,master").replace("patch", boards)
-            yield Row(name, section, [line for step in steps for line in expand(step)], **said)
+            patch = boards.get(path.stem, "patch,hosted,firmware")
+            said["on"] = said.get("on", "patch,master").replace("patch", patch)
+            # rows of the guard have its period, all others a sample with every step
+            flags = ["-USB_PERIOD_US"] if path.stem == "guard" else []
+            yield Row(name, section, [line for step in steps for line in expand(step)], flags=flags, **said)
 
 
 def expand(step: str) -> Sequence[str]:
@@ -173,6 +178,8 @@ class Actions:
             steps.append(f"600+n {head:02X} {part.ljust(7, bytes(1)).hex(' ')}")
         for step in steps:
             self.bench.step([self.bench.frame(step)])
+            if self.bench.sent[-1].data[:1] == b"\x80":
+                break
         self.bench.sent = [
             f for f in self.bench.sent if f.can_id != self.bench.node_id + 0x580 or f.data[0] == 0x80
         ]
@@ -240,12 +247,13 @@ class Bench:
         state: str = "pre",
         node_id: int | None = None,
         storage: str = "",
+        flags: Sequence[str] = (),
     ) -> None:
-        self.which = which
+        self.which, self.flags = which, flags
         self.is_broken = storage == "broken"
         self.storage = (FLASHES if which == "firmware" else STORAGES)[storage]()
         self.counts = np.zeros(16, np.int32)
-        self.is_sampling = True
+        self.is_sampling, self.sampled_ns = True, 0
         self.reader = Reader(lambda: self.counts, 16, bits=16)
         self.node_id = node_id or DEVICES[which][1]
         self.now_ns = 0
@@ -264,7 +272,8 @@ class Bench:
         eds, node_id = DEVICES[self.which]
         if self.which == "firmware":
             writes = {"n_writes": 0} if self.is_broken else {}
-            return FirmwareDevice(code_of(eds), self.node_id, serial=SERIAL, flash=self.storage, **writes)
+            code = code_of(eds, *self.flags)
+            return FirmwareDevice(code, self.node_id, serial=SERIAL, flash=self.storage, **writes)
         device = Device(load_eds(eds, node_id), self.node_id, storage=self.storage)
         device.set(IDENTITY, IDENTITY_SERIAL, SERIAL)
         return device
@@ -299,6 +308,9 @@ class Bench:
         if self.host:
             core = self.host
             core.wake(0, self.now_ns)  # for what was done to the device by hand
+        if self.which == "firmware":
+            self.sampled_ns = self.now_ns if self.is_sampling else self.sampled_ns
+            self.device.age[0] = (self.now_ns - self.sampled_ns) // AGE_STEP_NS
         out, events, wake_ns = core.step(self.now_ns, frames)
         assert all(len(frame.data) <= 8 and frame.can_id < 0x800 for frame in out)
         self.sent += out
@@ -330,7 +342,7 @@ def show(frame: Frame) -> str:
 
 def run(row: Row, which: str) -> None:
     """Run a row and compare every frame."""
-    bench = Bench(which, state=row.state, node_id=int(row.node_id), storage=row.storage)
+    bench = Bench(which, state=row.state, node_id=int(row.node_id), storage=row.storage, flags=row.flags)
     actions = Actions(bench)
     for i, step in enumerate(row.steps):
         where = f"{row.name} on {which}, step {i + 1}"
