@@ -23,6 +23,7 @@ from skinbus.can.frame import EXTENDED, NO_DATA, Frame, Frames
 from skinbus.guard.stops import NodeWrite
 from skinbus.model import Arm
 from skinbus.model.guard import GuardSettings
+from skinbus.node.guard import TRIP
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 from skinbus.objects.guard import GFC_ID, GuardState, liveness_pdo
@@ -188,14 +189,16 @@ class Guard(Core):
             return
         before, patch.due_ns, patch.state = patch.state, -1, "not armed"
         if state & GuardState.TRIPPED:
-            patch.state = f"tripped by {f'tactel {tripped_by}' if tripped_by else 'the sum of its tactels'}"
+            patch.state = f"tripped by {_where(tripped_by)}"
             if patch.state != before:
                 self._report(EventKind.GUARD_TRIPPED, patch.state, patch)
 
     def _take_emcy(self, patch: _Watched, frame: Frame) -> None:
+        """Say who and where; the state of the patch is what counts."""
         code = int.from_bytes(frame.data[:2], "little")
-        if len(frame.data) == 8 and code:
-            self._report(EventKind.PATCH_EMCY, cia.describe_emcy(code, frame.data[3:]), patch)
+        if len(frame.data) == 8 and code == cia.EmcyCode.GUARD_TRIPPED:
+            tactel, value = TRIP.unpack(frame.data[3:])
+            self._report(EventKind.GUARD_TRIPPED, f"{_where(tactel)} reads {value} counts", patch)
 
     def _take_heartbeat(self, master: _Watched, frame: Frame) -> None:
         if frame.data in (b"\x04", b"\x05", b"\x7f"):  # a boot-up message is none
@@ -242,6 +245,10 @@ class Guard(Core):
     def _report(self, kind: EventKind, detail: str = "", who: _Watched | None = None) -> None:
         node_id, bus = (who.node_id, who.bus) if who else (0, 0)
         self._events.append(Event(t_ns=self._now_ns, kind=kind, node_id=node_id, detail=detail, bus=bus))
+
+
+def _where(tactel: int) -> str:
+    return f"tactel {tactel}" if tactel else "the sum of its tactels"
 
 
 def region_forces(

@@ -95,10 +95,11 @@ def test_gfc_is_a_stop_on_any_bus_also_while_it_waits_and_before_what_came_with_
 def test_who_and_where_is_said_when_it_comes():
     rig = Rig().guarding()
     rig.step(Frame(GFC))
-    rig.step(Frame(0x81, bytes.fromhex("00ff810510270000")), rig.state(0, TRIPPED, 5))
-    told = {event.kind: (event.node_id, event.detail) for event in rig.events}
-    assert told[EventKind.GUARD_TRIPPED] == (1, "tripped by tactel 5")
-    assert told[EventKind.PATCH_EMCY][0] == 1
+    rig.step(Frame(0x81, bytes.fromhex("02ff810510270000")), rig.state(0, TRIPPED, 5))
+    told = [
+        event.detail for event in rig.events if (event.kind, event.node_id) == (EventKind.GUARD_TRIPPED, 1)
+    ]
+    assert told == ["tactel 5 reads 10000 counts", "tripped by tactel 5"]
 
 
 def test_an_order_to_end_stops_what_is_guarded_and_nothing_else():
