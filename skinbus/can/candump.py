@@ -13,8 +13,7 @@ import re
 import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self, TextIO
+from typing import Any, TextIO
 
 from skinbus.can.clock import Clock, VirtualClock
 from skinbus.can.fd import CLASSIC_BYTES
@@ -187,10 +186,6 @@ class CandumpWriter:
         self._owned = isinstance(file, str | Path)
         self._file: TextIO = _open(file, "xt") if isinstance(file, str | Path) else file
 
-    def __call__(self, frame: Frame) -> None:
-        """Write one frame."""
-        self.write((frame,))
-
     def write(self, frames: Frames) -> None:
         """Write frames; a time before the last frame's becomes the last frame's, as players want it."""
         lines = []
@@ -212,14 +207,6 @@ class CandumpWriter:
         """A file opened here is closed; a second call does nothing."""
         if self._owned:
             self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _put(self, lines: Sequence[str]) -> None:
         if lines:

@@ -50,3 +50,8 @@ class RobotSettings:
     links: tuple[LinkFrame, ...]
     """(n_links,) of the arm."""
     joints: tuple[JointSettings, ...] = ()
+
+    @property
+    def fixed(self) -> dict[str, float]:
+        """Positions of the joints that do not move (rad, m), by name."""
+        return {joint.name: joint.fixed for joint in self.joints if joint.fixed is not None}

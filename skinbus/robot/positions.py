@@ -38,11 +38,11 @@ class JointPositions:
 
     def __init__(self, chain: Chain, settings: RobotSettings) -> None:
         said = {joint.name: joint for joint in settings.joints}
-        fixed = {name: joint.fixed for name, joint in said.items() if joint.fixed is not None}
+        fixed = settings.fixed
         self.names = chain.names
         self.max_age_ns = settings.max_age_ns
         self.from_python = tuple(name for name in chain.names if name not in fixed)
-        """Names of the joints that :meth:`set` sets: those that are not fixed."""
+        """Names of the joints that :meth:`resolve` takes: those that are not fixed."""
         self._fixed = np.array([fixed.get(name, math.nan) for name in chain.names])
         self._sd = np.array([said[name].sd if name in said else 0.0 for name in chain.names])
         self._continuous = np.array(chain.kinds) == "continuous"
@@ -51,14 +51,6 @@ class JointPositions:
         """Times and positions (n_joints,), times growing."""
         self._set_ns = np.full(len(chain.names), -(2**62))
         """When each joint was set last."""
-
-    def set(self, t_ns: int, positions: npt.ArrayLike | Mapping[str, float]) -> None:
-        """Take positions of a time: a number for each joint of :attr:`from_python`, or some by name.
-
-        Raises:
-            ArgumentError: a number of them, a name or a value that cannot be; nothing is taken then.
-        """
-        self.put(t_ns, self.resolve(positions))
 
     def resolve(self, positions: npt.ArrayLike | Mapping[str, float]) -> Floats:
         """Return positions (n_joints,) as :meth:`set` takes them, NaN of joints that are not named.

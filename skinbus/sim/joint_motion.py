@@ -53,7 +53,7 @@ def motion_of(
         ]
         return None
     chain = load_chain(arm.robot)
-    fixed = {joint.name: joint.fixed for joint in arm.robot.joints if joint.fixed is not None}
+    fixed = arm.robot.fixed
     paths: dict[str, Floats] = {}
     for key, table in tables:
         wanted = "a joint without a path" if table.name in paths else ""

@@ -32,7 +32,6 @@ from skinbus.sim.boards import DriftingDevice, SpoiltTraffic
 from skinbus.sim.effect import Stage, on_bus, stream
 from skinbus.sim.sampler import Sampler
 from skinbus.sim.scene import Scene
-from skinbus.sim.touch import Touches
 
 _HISTORY = 4096
 BOOT_S = (0.005, 0.050)
@@ -105,10 +104,6 @@ class World(Core):
 
     def _scene_s(self, sample: int) -> float:
         return max(0, sample) / self.scene.arm.bus.rate_hz % self._repeat_s
-
-    def truth(self, t_ns: int) -> Touches:
-        """Return the touches of the sample that was on its way at a bus time."""
-        return self.scene.touches_at(self.scene_time(t_ns))
 
     def step(self, now_ns: int, frames: Frames = ()) -> Step:
         """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""

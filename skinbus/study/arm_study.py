@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
-from scipy.spatial import KDTree
 
 from skinbus.arrays import Floats
 from skinbus.estimate import LEVELS, Estimator, learn_radial_law
@@ -152,7 +151,7 @@ def calibrated_law(arm: Arm, seed: int) -> Law:
     placed = arm.patches[0]
     board = Arm.single_patch(placed.patch.tactels_uv, law=placed.patch.law, diameter=placed.patch.diameter)
     feel, rng = truth_of(board, 0.0), np.random.default_rng(seed)
-    half = np.abs(placed.patch.tactels_uv).max(axis=0) + 0.5 * _pitch(board)
+    half = np.abs(placed.patch.tactels_uv).max(axis=0) + 0.5 * placed.patch.pitch
     touches = np.column_stack([rng.uniform(-half, half, (PRESSES, 2)), rng.uniform(*FORCES, PRESSES)])
     readings = np.stack([feel(touch[None], 0, 1, 0.0) for touch in touches])
     readings += NOISE * rng.standard_normal(readings.shape)
@@ -170,7 +169,7 @@ class _Trial(NamedTuple):
 def _trials(arm: Arm, condition: str, fingers: int, n: int, seed: int) -> Iterator[_Trial]:
     """Draw cycles; the same for every level and for all bits."""
     rng = np.random.default_rng([seed, fingers])
-    is_shipped, pitch = condition == SHIPPED, _pitch(arm)
+    is_shipped, pitch = condition == SHIPPED, arm.patches[0].patch.pitch
     feel = truth_of(arm, INCLINATION if is_shipped else 0.0)
     gain = 1.0 + GAIN_SPREAD * rng.standard_normal(arm.n_tactels) if is_shipped else 1.0
     for _ in range(n):
@@ -196,7 +195,7 @@ def _touches(arm: Arm, fingers: int, pitch: float, rng: np.random.Generator) -> 
 
 
 def _measure(arm: Arm, condition: str, fingers: int, level: str, bits: int, trials: list[_Trial]) -> Point:
-    estimator, pitch = Estimator(arm, level), _pitch(arm)
+    estimator, pitch = Estimator(arm, level), arm.patches[0].patch.pitch
     transducer = arm.patches[0].patch.transducer  # all boards of an arm have one
     errors, times_ns, wrong = [], [], 0
     for number, trial in enumerate([trials[0], *trials]):
@@ -266,12 +265,6 @@ def _wire(arm: Arm, compute_ns: int) -> tuple[float, int]:
     if not all(plan.holds for plan in found):
         found = plan_arm(rate_hz=min(plan.levels[0].largest_hz for plan in found))
     return found[0].rate_hz, max(plan.published_ns or 0 for plan in found) - compute_ns
-
-
-def _pitch(arm: Arm) -> float:
-    """Return the usual distance of a tactel from its nearest neighbour on a board, m."""
-    uv = arm.patches[0].patch.tactels_uv
-    return float(np.median(np.asarray(KDTree(uv).query(uv, 2)[0])[:, 1]))  # the nearest is the tactel itself
 
 
 def decide(points: Sequence[Point]) -> Point:

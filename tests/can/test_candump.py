@@ -1,6 +1,7 @@
 """Recordings: one table read in both directions, then any frame, then python-can as the judge."""
 
 import io
+from contextlib import closing
 from pathlib import Path
 
 import can
@@ -140,8 +141,8 @@ def test_lines_that_are_no_frame_are_counted_and_left_out():
 
 def test_frames_that_candump_says_it_dropped_are_counted():
     file = io.StringIO()
-    with CandumpWriter(file) as writer:
-        writer(Frame(1))
+    with closing(CandumpWriter(file)) as writer:
+        writer.write([Frame(1)])
         writer.dropped(12, 0, 12)
         writer.dropped(1, 0, 13)
     assert file.getvalue().splitlines()[1] == (
@@ -177,7 +178,7 @@ def test_last_line_without_an_end_is_left_out_even_if_what_is_there_would_be_a_f
 
 def test_a_compressed_recording_is_whole_as_soon_as_it_is_written_and_is_read_when_it_was_cut(tmp_path):
     path = tmp_path / "live.log.gz"
-    with CandumpWriter(path) as writer:
+    with closing(CandumpWriter(path)) as writer:
         for n in range(1, 50):
             writer.write([Frame(n, bytes(8)), Frame(n)])
             reader = CandumpReader(path)  # as a killed recorder leaves it: the file has no end

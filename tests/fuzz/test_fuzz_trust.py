@@ -219,7 +219,7 @@ def test_boards_that_misbehave_make_no_wrong_contact_and_cost_healthy_ones_nothi
         n["false alarms"] += bool(judged.n_faulty[:N_HEALTHY].any() or judged.is_withheld[:N_HEALTHY].any())
         cycles.append(t_ns)
         sampled_ns = t_ns + PERIOD_NS // 2  # the SYNC has arrived by then
-        now, before = world.truth(sampled_ns), world.truth(sampled_ns - PERIOD_NS)
+        now, before = (scene.touches_at(world.scene_time(sampled_ns - ns)) for ns in (0, PERIOD_NS))
         for c, quality in enumerate(contacts.quality):
             if quality & Quality.IMPAIRED:
                 continue

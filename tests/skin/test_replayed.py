@@ -1,5 +1,7 @@
 """A replayed skin: the cycles of a recording, and what is wrong with it said."""
 
+from contextlib import closing
+
 import pytest
 
 import skinbus
@@ -14,8 +16,8 @@ def recorded(tmp_path_factory):
     """A rig whose bus was recorded, and the recording."""
     folder = tmp_path_factory.mktemp("field")
     rig = Rig(write(folder), level="fit")
-    with CandumpWriter(folder / "field.log") as writer:
-        rig.wire.tap(writer)
+    with closing(CandumpWriter(folder / "field.log")) as writer:
+        rig.wire.tap(lambda frame: writer.write([frame]))
         rig.run(1000)
     return rig, folder / "field.log"
 

@@ -94,7 +94,3 @@ class PatchTable:
         for p in np.flatnonzero(silent | back).tolist():
             self.enter(p, PatchState.SILENT if silent[p] else PatchState.OPERATIONAL)
         return silent, back
-
-    def count(self, state: PatchState) -> int:
-        """Return how many patches are in a state."""
-        return int(np.count_nonzero(self.state == state))

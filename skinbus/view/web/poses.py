@@ -41,7 +41,7 @@ class Poses:
 
         self._frames = RobotFrames(arm)
         chain = self._frames.chain
-        fixed = {joint.name: joint.fixed for joint in arm.robot.joints if joint.fixed is not None}
+        fixed = arm.robot.fixed
         rest = np.clip(0.0, chain.lower, chain.upper)
         self.positions = np.array([fixed.get(n, q) for n, q in zip(chain.names, rest, strict=True)], float)
         """(n_joints,) rad or m, in the order of the chain."""

@@ -1,5 +1,7 @@
 """A field: presses on the pad that were recorded, what the robot logged, and the truth."""
 
+from contextlib import closing
+
 import numpy as np
 
 from skinbus.can.candump import CandumpWriter
@@ -27,8 +29,8 @@ def make_field(folder, n, seed, arm="pad", effects="[effect.noise]"):
     head = f'[scene]\narm = "{arm}"\nduration_s = {begin + 0.3}\n{effects}\n'
     (folder / "presses.toml").write_text(head + "".join(lines))
     rig = Rig(str(folder / "presses.toml"), level="kmeans")
-    with CandumpWriter(folder / "field.log") as writer:
-        rig.wire.tap(writer)
+    with closing(CandumpWriter(folder / "field.log")) as writer:
+        rig.wire.tap(lambda frame: writer.write([frame]))
         rig.run(1e3 * (begin + 0.3))
     t = np.arange(0.0, begin, 0.008)
     truth = np.array(truth)

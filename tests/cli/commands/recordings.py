@@ -1,5 +1,7 @@
 """Recordings that tests of commands read, and change."""
 
+from contextlib import closing
+
 from skinbus.can.candump import CandumpReader, CandumpWriter
 from skinbus.can.clock import VirtualClock
 from tests.master.rig import Rig
@@ -19,8 +21,8 @@ class WallClock(VirtualClock):
 def record_pad(path):
     """Record the scene pad, from the boot of its patches on."""
     rig = Rig("pad", level="fit")
-    with CandumpWriter(path, clock=WallClock()) as writer:
-        rig.wire.tap(writer)
+    with closing(CandumpWriter(path, clock=WallClock())) as writer:
+        rig.wire.tap(lambda frame: writer.write([frame]))
         rig.run(SECONDS * 1e3)
         now_ns = rig.wire.now_ns
         writer.write([frame._replace(t_ns=now_ns) for frame in rig.master.stop(now_ns)])

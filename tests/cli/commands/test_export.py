@@ -2,6 +2,7 @@
 
 import csv
 import json
+from contextlib import closing
 from pathlib import Path
 
 import cantools
@@ -23,7 +24,7 @@ def both(tmp_path_factory):
     folder = tmp_path_factory.mktemp("both")
     rig = BusesRig(write_scene(folder, [ON_SEAM]))
     path = folder / "both.log"
-    with CandumpWriter(path, clock=WallClock(), channels=("can0", "can1")) as writer:
+    with closing(CandumpWriter(path, clock=WallClock(), channels=("can0", "can1"))) as writer:
         for bus, wire in enumerate(rig.wires.wires):
             wire.tap(lambda frame, bus=bus: writer.write([frame._replace(bus=bus)]))
         rig.run(1000.0)
