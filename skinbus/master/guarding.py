@@ -41,8 +41,6 @@ STEPS_LEAST = 1.0 / FOLLOWED
 """Counts that a limit is taken for, at least, in these shares: less than a count is not followed."""
 LOOK_NS = 1_000_000_000
 """Between two comparisons: zeros drift in minutes, and what comes and goes does not fill the bus."""
-NAMED = 8
-"""Patches that a report names at most."""
 NO_SUM = (1 << 31) - 1
 """No sum is above it."""
 
@@ -89,7 +87,8 @@ class Guarding:
         self.indices = frozenset(index for index, _ in self._address)
         """Of the objects that hold the limits."""
         self._held = np.full(arm.n_tactels, np.nan)  # Pa, zeros by which limits were written
-        self._due: list[int] = []
+        self.due: list[int] = []
+        """Patches whose limits are to be written anew, since the last ``show``."""
         self._lacking, self._next_ns = np.zeros(len(self._address), np.bool_), 0
 
     def limits(self, p: int) -> GuardLimits:
@@ -117,10 +116,6 @@ class Guarding:
             yield from write_back("guard limits", *self._address[p], self.limits(p).encode())
             self._held[here] = zero
 
-    def due(self) -> int | None:
-        """Return a patch whose limits are to be written anew, each once."""
-        return self._due.pop() if self._due else None
-
     def show(self, now_ns: int, device: Device) -> list[Event]:
         """Compare limits with zeros; report which patches do not guard, when others do not than before.
 
@@ -129,17 +124,15 @@ class Guarding:
         if now_ns < self._next_ns:
             return []
         self._next_ns = now_ns + LOOK_NS
-        first, own, running = self._arm.patch_start[:-1], self._own, self._table.is_running
+        first, own, guarded = self._arm.patch_start[:-1], self._own, self._arm.guarded
         moved = self._zero - self._held
-        most = np.maximum(self._most, STEPS_LEAST * self._scale)
-        share = np.where(self._limited, np.abs(moved) / most, 0.0)
-        off = np.maximum.reduceat(share, first)
-        off = np.maximum(off, np.abs(np.add.reduceat(self._share * moved, first)))
-        is_held = np.logical_or.reduceat(self._touched != 0, first)
+        share = np.abs(moved) / np.maximum(self._most, STEPS_LEAST * self._scale)
+        total = np.abs(np.add.reduceat(self._share * moved, first))
+        off = np.maximum(total, np.maximum.reduceat(np.where(self._limited, share, 0.0), first))
+        is_touched = np.logical_or.reduceat(self._touched != 0, first)
         is_blind = np.logical_or.reduceat(self._limited & (self._faults != 0), first)
-        late = self._arm.guarded & running & ~(off <= FOLLOWED) & ~is_held
-        self._due = np.flatnonzero(late[own]).tolist()
-        lacking = (self._arm.guarded & ~(running & (off <= DIFFERENT) & ~is_blind))[own]
+        self.due = np.flatnonzero((guarded & ~(off <= FOLLOWED) & ~is_touched)[own]).tolist()
+        lacking = (guarded & ~(self._table.is_running & (off <= DIFFERENT) & ~is_blind))[own]
         if np.array_equal(lacking, self._lacking):
             return []
         self._lacking = lacking
@@ -148,5 +141,5 @@ class Guarding:
         if not node_ids:
             return [Event(t_ns=now_ns, kind=EventKind.NOT_GUARDING_END)]
         device.emcy(EmcyCode.NOT_GUARDING, data=bytes([node_ids[0], len(node_ids)]))
-        detail = f"patches {', '.join(map(str, node_ids[:NAMED]))}" + ", ..." * (len(node_ids) > NAMED)
+        detail = f"patches {', '.join(map(str, node_ids))}"
         return [Event(t_ns=now_ns, kind=EventKind.NOT_GUARDING, count=len(node_ids), detail=detail)]

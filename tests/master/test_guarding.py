@@ -12,6 +12,8 @@ from skinbus.master.guarding import DIFFERENT, Guarding
 from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.objects.cia import EmcyCode
 from skinbus.objects.guard import GuardLimits
+from tests.master.buses_rig import ARM as ARM_ON_BUSES
+from tests.master.buses_rig import BusesRig, write_scene
 from tests.master.rig import Rig
 
 DEAD = 5
@@ -221,3 +223,16 @@ def test_a_patch_whose_limits_another_client_writes_is_booted_again(rig):
     assert rig.state(1) == PatchState.BOOTING
     rig.run(2000)
     assert rig.state(1) == PatchState.OPERATIONAL
+
+
+def test_each_bus_has_its_own_patches_and_says_so(tmp_path):
+    guard = '[guard]\n[[guard.region]]\nname = "all"\nforce_n = 50\nsource = "a test"\n'
+    rig = BusesRig(write_scene(tmp_path, [], ARM_ON_BUSES + guard))
+    rig.run(3000)
+    written = [GuardLimits.decode(device.get(0x2081, 0), 16) for device in rig.world.devices]
+    assert [(limits.weights > 0).all() for limits in written] == [True, True]
+    said = [(e.kind, e.bus, e.detail) for e in rig.events if "guarding" in e.kind]
+    assert {(kind, bus) for kind, bus, _ in said[-2:]} == {
+        (EventKind.NOT_GUARDING_END, bus) for bus in (0, 1)
+    }
+    assert {(bus, detail) for _, bus, detail in said[:-2]} == {(0, "patches 1"), (1, "patches 1")}

@@ -282,9 +282,9 @@ class Supervisor(PatchMonitor):
             ready, self._ready = self._ready, []
             for p in ready:
                 self._start_patch(now_ns, p)
-        if self._guarding and not self._sessions and not self._ready:
-            due = self._guarding.due()
-            if due is not None and self.table.is_running[due]:
+        if self._guarding and self._guarding.due and not self._sessions and not self._ready:
+            due = self._guarding.due.pop()
+            if self.table.is_running[due]:
                 self._ask(now_ns, due, by_itself(self._guarding.write(due)))
         if now_ns >= self._next_watch:
             self._next_watch = now_ns + self._watch_period
