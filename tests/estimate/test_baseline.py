@@ -152,21 +152,6 @@ def test_zero_that_cannot_be_observed_grows_uncertain_and_is_sure_again_after_it
 
 
 @pytest.mark.slow
-def test_noise_of_the_first_readings_after_a_long_touch_is_not_in_the_zeros(skin):
-    skin.read(seconds=60)
-    off = []
-    for _ in range(20):
-        skin.read(press(0.1, 0.0, 8.0), seconds=60, period_ns=1_000_000_000)
-        for _ in range(70):  # followed from the 51st on
-            skin.read()
-            off.append(skin.baseline.zeros)
-    off = np.abs(off).max()
-    print("seed 3; most", off)
-    # twenty readings of 200 Pa: 32 Pa, and of 10^4 such means the largest at 4.5 of it
-    assert off < 150.0
-
-
-@pytest.mark.slow
 def test_zero_that_drifts_out_of_its_band_takes_its_tactel_out(skin):
     skin.read(seconds=2)
     for n in range(700):
@@ -210,15 +195,6 @@ def test_contact_held_for_an_hour_keeps_its_force():
 
 
 @pytest.mark.slow
-def test_noise_is_measured_and_carries_the_threshold(skin):
-    skin.read(seconds=60)
-    assert np.median(skin.baseline.noise) == pytest.approx(SIGMA, rel=0.05)
-    skin.read(seconds=120, sigma=2 * SIGMA)
-    assert np.median(skin.baseline.noise) == pytest.approx(2 * SIGMA, rel=0.05)
-    assert np.median(skin.baseline.threshold) == pytest.approx(12 * SIGMA, rel=0.05)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("has_started", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_patch_that_falls_silent_while_touched_holds_up_its_neighbour_for_a_time_only(skin, has_started):
     touch, without_0 = np.where(ARM.tactel_patch == 0, 20e3, 0.0), np.array([False, True, True])
@@ -253,18 +229,6 @@ def test_clock_set_back_or_repeated_changes_no_zero(skin):
     skin.read(400.0)
     skin.read(400.0, period_ns=0)
     assert np.array_equal(skin.baseline.zeros, before)
-
-
-@pytest.mark.slow
-def test_drift_makes_no_false_touch():
-    skin = Skin(seed=8)
-    touched = 0
-    for n in range(10_000):
-        skin.t_ns += PERIOD_NS
-        out = 0.02 * n + SIGMA * skin.rng.standard_normal(N)
-        skin.baseline.apply(out, skin.t_ns)
-        touched += skin.baseline.touched.any()
-    assert touched == 0
 
 
 @pytest.mark.parametrize("period_ns", [pytest.param(2_000_000, marks=pytest.mark.slow), 20_000_000])

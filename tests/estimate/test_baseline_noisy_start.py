@@ -54,22 +54,16 @@ def test_a_noisy_tactel_among_others_makes_no_contact_once_it_has_been_read_a_fe
         assert not [n for n in range(250) if len(start.cycle()) and n > 5]
 
 
-@pytest.mark.parametrize("factor", [1.0, 2.0])
-def test_a_press_at_power_on_is_a_contact_from_the_third_reading_on_and_stays_one(factor):
+@pytest.mark.parametrize(
+    ("onset", "factor", "seen"), [(0, 1.0, 2), (0, 2.0, 2), (3, 1.0, 11), (10, 1.0, 18), (20, 1.0, 28)]
+)
+def test_a_press_at_power_on_or_before_there_are_zeros_is_a_contact_soon_and_stays_one(onset, factor, seen):
     for k in range(3):
         start = Start([SEED, 20 + k], factor, 50)
-        found = [len(start.cycle(8.0)) for _ in range(150)]
-        print(k, found[:10])
-        assert found[2:] == [1] * 148
-
-
-@pytest.mark.parametrize("onset", [3, 10, 20])
-def test_a_press_that_begins_before_there_are_zeros_is_a_contact(onset):
-    for k in range(3):
-        start = Start([SEED, 30 + k], 1.0, 50)
-        found = [len(start.cycle(8.0 * np.clip((n - onset) / 5, 0.0, 1.0))) for n in range(100)]
+        rise = np.clip((np.arange(150) - onset) / 5, 0.0, 1.0) if onset else np.ones(150)
+        found = [len(start.cycle(8.0 * share)) for share in rise]
         print(k, found[onset : onset + 15])
-        assert found[onset + 8 :] == [1] * (92 - onset)
+        assert found[seen:] == [1] * (150 - seen)
 
 
 @pytest.mark.parametrize("start_s", [1.0, 3.0, 30.0])

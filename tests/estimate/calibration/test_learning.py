@@ -35,29 +35,20 @@ def presses(arm, rng, *, exponent=1.0, noise=NOISE, spread=0.03, n=N_PRESSES, fo
     return s, a, force, pressures + noise * rng.standard_normal(pressures.shape), gain
 
 
-@pytest.mark.parametrize("exponent", [1.0, 0.8, 1.2])
-def test_profile_gains_noise_and_exponent_are_recovered(exponent):
+@pytest.mark.parametrize(("exponent", "force"), [(1.0, None), (0.8, None), (1.2, None), (1.0, 7.0)])
+def test_profile_gains_noise_and_exponent_are_recovered_and_of_an_unknown_force_up_to_scale(exponent, force):
     arm = pad()
-    s, a, force, pressures, gain = presses(arm, np.random.default_rng(SEED), exponent=exponent)
-    learned = learn_radial_law(arm, s, a, force, pressures)
-    d = np.linspace(0.0, 0.015, 100)
+    made = presses(arm, np.random.default_rng(SEED), exponent=exponent, force=force)
+    s, a, stated, pressures, gain = made
+    learned = learn_radial_law(arm, s, a, None if force else stated, pressures)
+    d, scale = np.linspace(0.0, 0.015, 100), force or 1.0
     assert learned.converged
     assert learned.law.exponent == pytest.approx(exponent, abs=2e-3)
     # 200 presses, the weakest with 1 % of noise: a part in 200 of the peak
-    np.testing.assert_allclose(learned.law.profile(d), profile(d), atol=profile(0.0) / 200)
+    np.testing.assert_allclose(learned.law.profile(d), scale * profile(d), atol=scale * profile(0.0) / 200)
     np.testing.assert_allclose(learned.gain, gain, rtol=5e-3)
     np.testing.assert_allclose(learned.noise, NOISE, rtol=0.25)
     assert learned.residual == pytest.approx(1.0, abs=0.05)
-
-
-def test_unknown_constant_force_gives_the_law_up_to_scale():
-    arm = pad()
-    s, a, _, pressures, gain = presses(arm, np.random.default_rng(SEED), force=7.0)
-    learned = learn_radial_law(arm, s, a, None, pressures)
-    d = np.linspace(0.0, 0.012, 50)
-    np.testing.assert_allclose(learned.law.profile(d), 7.0 * profile(d), atol=7.0 * profile(0.0) / 200)
-    np.testing.assert_allclose(learned.gain, gain, rtol=1e-2)
-    assert learned.law.exponent == 1.0
 
 
 @pytest.mark.parametrize("noise", [0.0, 100.0, 600.0])

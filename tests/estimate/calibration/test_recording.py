@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skinbus.estimate.calibration.recording import find_holds, find_offset, load_of, pose_signal
+from skinbus.estimate.calibration.recording import find_holds, find_offset, load_of
 
 SEED = 20261124
 
@@ -31,29 +31,6 @@ def test_offset_of_a_force_sensor_is_found(shift):
     found = find_offset(t, load, t_force - shift, force)
     assert found.correlation > 0.9
     assert abs(found.s - shift) < 0.008
-
-
-@pytest.mark.parametrize("with_height", [True, False])
-def test_offset_of_a_robot_follows_from_when_its_tool_stands_still(with_height):
-    rng = np.random.default_rng(SEED + 1)
-    begin, end, newton = pressed(rng)
-    t = np.arange(0.0, 45.0, 0.01)
-    load = force_at(t, begin, end, newton) * 2e4
-    middle, place = 0.5 * (begin + end), rng.uniform(-0.02, 0.02, (2, len(begin)))
-    # the tool stands still from 0.05 s before a press until 0.05 s after it, and travels between
-    edges = np.sort(np.concatenate([begin - 0.05, end + 0.05]))
-    s, a = (np.interp(t, edges, np.repeat(x, 2)) for x in place)
-    assert len(middle)
-    height = np.interp(
-        t,
-        np.sort(np.concatenate([begin, end, 0.5 * (end[:-1] + begin[1:])])),
-        np.concatenate([[0.0, 0.0, 0.02] * (len(begin) - 1) + [0.0, 0.0]]),
-    )
-    noise = 2e-5
-    s, a = s + noise * rng.standard_normal(len(t)), a + noise * rng.standard_normal(len(t))
-    found = find_offset(t, load, t + 3.21, pose_signal(t + 3.21, s, a, height if with_height else None))
-    assert abs(found.s + 3.21) < 0.06
-    assert found.correlation > 0.4
 
 
 def test_holds_are_found_on_an_arm_of_many_boards_in_their_noise():

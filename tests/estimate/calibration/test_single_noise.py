@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from skinbus.estimate import Estimator, learn_radial_law
 from skinbus.estimate.calibration.table import PressTable, mean_and_noise
@@ -17,51 +16,23 @@ LAW = Radial(400e-6, 13000.0 * np.exp(-((np.arange(64) / 20.0) ** 2)))
 MEANS = 16
 
 
-@pytest.fixture(scope="module")
-def pressed():
-    """Presses on a board of this law, each the mean of many cycles."""
+def test_noise_is_that_which_a_file_says_of_single_readings_or_else_at_least_the_declared_one():
+    """Presses are means of many cycles, and show less; with their noise contacts are found in none."""
     rng = np.random.default_rng(SEED)
     arm = Arm.single_patch(grid(4, 4, 0.010), law=LAW, noise=NOISE)
-    placed = arm.patches[0]
-    s, a = placed.s + rng.uniform(-0.02, 0.02, 60), placed.a + rng.uniform(-0.02, 0.02, 60)
-    d = arm.distance(slice(None), s, a)
-    truth = LAW.pressure(d, 5.0)
+    s, a = rng.uniform(-0.02, 0.02, (2, 60))
+    truth = LAW.pressure(arm.distance(slice(None), s, a), 5.0)
     cycles = truth[:, None] + NOISE * rng.standard_normal((60, MEANS, 16))
     mean, noise = (np.array(x) for x in zip(*map(mean_and_noise, cycles), strict=True))
-    return PressTable(
-        arm=arm,
-        patch=np.zeros(60, np.intp),
-        s=s,
-        a=a,
-        force=np.full(60, 5.0),
-        pressures=mean,
-        noise=noise,
-    )
-
-
-@pytest.fixture(scope="module")
-def learned(pressed):
-    made = (pressed.arm, pressed.s, pressed.a, pressed.force, pressed.pressures)
-    return learn_radial_law(*made, place_sd=PLACE_SD, maps=False)
-
-
-def n_false(arm):
-    """Contacts in a hundred cycles in which nothing presses."""
-    rng, estimator = np.random.default_rng(SEED + 1), Estimator(arm, "fit")
-    quiet = NOISE * rng.standard_normal((100, 16))
-    return sum(len(estimator.update(row, k)) for k, row in enumerate(quiet))
-
-
-def test_what_a_file_says_of_single_readings_is_their_noise(pressed, learned):
+    patch, force = np.zeros(60, np.intp), np.full(60, 5.0)
+    table = PressTable(arm=arm, patch=patch, s=s, a=a, force=force, pressures=mean, noise=noise)
+    learned = learn_radial_law(arm, s, a, force, mean, place_sd=PLACE_SD, maps=False)
     assert np.median(learned.noise) < 0.5 * NOISE
-    noise = single_noise(pressed, learned)
-    assert np.abs(noise / NOISE - 1.0).max() < 0.15
-    assert n_false(replace(learned, noise=noise).apply(pressed.arm)) == 0
-
-
-def test_of_means_without_it_the_noise_is_at_least_the_declared_one(pressed, learned):
-    noise = single_noise(replace(pressed, noise=None), learned)
-    assert (noise >= NOISE).all()
+    single = single_noise(table, learned)
+    assert np.abs(single / NOISE - 1.0).max() < 0.15
+    assert (single_noise(replace(table, noise=None), learned) >= NOISE).all()
+    estimator = Estimator(replace(learned, noise=single).apply(arm), "fit")
+    assert not any(len(estimator.update(NOISE * rng.standard_normal(16), k)) for k in range(100))
 
 
 def test_missing_readings_are_left_out_of_means():
