@@ -81,13 +81,11 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
         faults.add("file", None, "presses")
     if faults:
         raise ConfigError(str(path), faults)
-    zeros: dict[int, list[Floats]] = {}
-    for press in presses:
-        if press.force == 0.0:
-            zeros.setdefault(press.patch, []).append(press.readings)
-    taken_off = {p: np.nan_to_num(mean_and_noise(np.array(own))[0]) for p, own in zeros.items()}
-    for press in touching:
-        press.readings[:] -= taken_off.get(press.patch, 0.0)
+    for p in {press.patch for press in touching}:
+        zeros = [press.readings for press in presses if press.patch == p and press.force == 0.0]
+        zero = np.nan_to_num(mean_and_noise(np.array(zeros))[0]) if zeros else 0.0
+        for press in touching:
+            press.readings[:] -= zero * (press.patch == p)
     return touching
 
 
@@ -120,16 +118,16 @@ def write_presses(path: Path, arm: Arm, presses: Sequence[Press]) -> None:
     most = max(placed.patch.n_tactels for placed in arm.patches)
     tactels = [f"{letter}{k}" for letter in "pn" for k in range(1, 1 + most)]
     with whole_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
-        table = csv.writer(file)
-        table.writerow(["bus", *PRESSES[:3], "force_n", *tactels])
+        table = csv.DictWriter(file, ["bus", *PRESSES[:3], "force_n", *tactels])
+        table.writeheader()
         for press in presses:
             placed, gain = arm.patches[press.patch], arm.tactel_gain[arm.tactels_of(press.patch)]
-            own = np.full((2, most), np.nan)
-            own[0, : len(gain)] = press.readings / gain
-            own[1, : len(gain)] = np.nan if press.noise is None else press.noise / gain
-            numbers = placed.node_id, 1e3 * press.s, 1e3 * press.a, press.force, *own.ravel().tolist()
-            cells = ["" if math.isnan(x) else f"{x:.6g}" for x in numbers]
-            table.writerow([arm.buses[placed.bus].name, *cells])
+            where = placed.node_id, 1e3 * press.s, 1e3 * press.a, press.force
+            numbers = dict(zip([*PRESSES[:3], "force_n"], where, strict=True))
+            for letter, own in ("p", press.readings), ("n", press.noise):
+                numbers |= {f"{letter}{k}": x for k, x in enumerate([] if own is None else own / gain, 1)}
+            cells = {name: f"{x:.6g}" for name, x in numbers.items() if not math.isnan(x)}
+            table.writerow({"bus": arm.buses[placed.bus].name} | cells)
 
 
 def _read(

@@ -96,8 +96,7 @@ def command(
     judged, rows = [], []
     for table, lines in tables_of(whole, read_presses(whole, presses)):
         judged.append(one := judge(table))
-        echo(f"boards of {table.arm.patches[0].patch.n_tactels} tactels: {report(one)}")
-        echo(verdict(one, lines), err=bool(one.faults))
+        echo("\n".join(report(one, lines)), err=bool(one.faults))
         for p in range(table.arm.n_patches):
             mine = table.patch == p
             error = np.nan if one.errors is None else 1e3 * one.errors.place(one.kept & mine)
@@ -114,50 +113,41 @@ def command(
         echo(f"{file}: eds of node {whole.node_label(whole.patch_at(placed.node_id, placed.bus))}")
 
 
-def report(judged: Judgement) -> str:
-    """Return what was learned."""
-    learned, presses = judged.calibration, counted(len(judged.table), "press")
-    if learned is None:
-        return f"{presses}, nothing learned"
-    law, converged = learned.law, "converged" if learned.converged else "NOT converged"
-    unit = "these presses" if judged.table.force is None else "1 N"
-    return (
-        f"{presses}, {learned.n_readings} readings used, {converged}\n"
-        f"law: {law.table[0] / 1e3:.4g} kPa at the peak of {unit}, reach "
-        f"{1e3 * law.step * (len(law.table) - 1):.1f} mm, pressure as force^{law.exponent:.3f}\n"
-        f"misfit of the law {100 * law.misfit:.1f} %, residual {learned.residual:.2f} (1: noise)"
-    )
-
-
-def verdict(judged: Judgement, lines: Ints) -> str:
-    """Return the error to expect, what was found, whether it is good; ``lines`` are those of the file."""
-    said = [f"note: {_sentence(finding, lines)}" for finding in judged.notes]
-    place, is_known = judged.place_error, judged.table.force is not None
+def report(judged: Judgement, lines: Ints) -> Iterator[str]:
+    """Yield what was learned, the error to expect, faults, and what to do; ``lines`` are of the file."""
+    learned, is_known = judged.calibration, judged.table.force is not None
+    n_tactels = judged.table.arm.patches[0].patch.n_tactels
+    yield f"boards of {n_tactels} tactels: {counted(len(judged.table), 'press')}"
+    if learned is not None:
+        law, unit = learned.law, "1 N" if is_known else "these presses"
+        yield f"{learned.n_readings} readings used, {'converged' if learned.converged else 'NOT converged'}"
+        yield f"law: {law.table[0] / 1e3:.4g} kPa at the peak of {unit}, misfit {100 * law.misfit:.1f} %"
+    for note in judged.notes:
+        yield f"note: {_sentence(note, lines)}"
+    place = judged.place_error
     before = np.nan if judged.shipped is None else judged.shipped.place(judged.kept)
     if np.isfinite(place):
         force = f" and {100 * judged.force_error:.1f} % of the force" if is_known else ""
-        said.append(
+        yield (
             f"error to expect (68 % of presses not used): {1e3 * place:.2f} mm{force}; "
             f"with the law that boards have {1e3 * before:.2f} mm"
         )
     if judged.faults:
-        said += ["refused:", *(f"  {_sentence(finding, lines)}" for finding in judged.faults)]
+        yield "\n  ".join(["refused:", *(_sentence(finding, lines) for finding in judged.faults)])
     elif before * (SAME if is_known else 1.0 / WORTH) < place:
-        said.append(
+        units = "" if is_known else " and not in newtons"
+        yield (
             f"keep the law that the boards have: at these presses it errs by {1e3 * before:.2f} mm, this one "
-            f"by {1e3 * place:.2f} mm{'' if is_known else ' and not in newtons'}; {BETTER}"
+            f"by {1e3 * place:.2f} mm{units}; {BETTER}"
         )
     else:
         is_good = place <= GOOD * judged.table.pitch
         grade = "good" if is_good else "fair" if place <= MAX_ERROR_M else "poor"
-        said.append(
-            f"this is {grade}: write it into the boards, as `eds` in the arm file and by `skinbus configure`"
-        )
+        yield f"this is {grade}: write it into boards, as `eds` in the arm file and by `skinbus configure`"
         if not is_known:
-            said.append("forces will not be in newtons: 1 is the force of these presses, which is not known")
+            yield "forces will not be in newtons: 1 is the force of these presses, which is not known"
         if not (is_known and is_good):
-            said.append(BETTER)
-    return "\n".join(said)
+            yield BETTER
 
 
 def _sentence(finding: GateFinding, lines: Ints) -> str:

@@ -36,8 +36,6 @@ SAME = 1.03
 GOOD = 0.03
 """Error to expect that is called good, of the pitch: what boards of rubber reach with a hundred presses."""
 
-RIM = 0.3
-"""Pitches around the tactels beyond which a place is compared as if it were there."""
 SUSPECT_M, BETTER, ABOUT_AS_WELL = 0.5e-3, 0.6, 1.25
 """m, between places and readings from which other hypotheses are looked at. They explain it when they leave
 at most that part of it; the first wins among those that leave no more than that ratio of the least."""
@@ -171,14 +169,14 @@ def _misplaced(table: PressTable, shipped: HeldOutErrors) -> Iterator[str]:
     What the readings say by the law that the boards have is compared with what the file says under each
     hypothesis, by the median distance of the two. Outliers, up to half of the presses, do not change it.
     """
-    uv, columns, (low, high) = table.uv(), _columns(table), table.hull(RIM)
-    read = np.clip(uv + shipped.uv, low, high)
+    uv, columns = table.uv(), _columns(table)
+    read = uv + shipped.uv
     for p in range(table.arm.n_patches):
         rows = np.flatnonzero(np.isfinite(shipped.sd) & (table.patch == p))
         if len(rows) < FEWEST_COMPARED:
             continue
         tried = {"as said": uv[rows]} | {name: at[rows] for name, at in columns.items()}
-        at, there = (np.asarray(x[rows, 0] + 1j * x[rows, 1]) for x in (uv, read))
+        at, there = (x[rows] @ np.array([1.0, 1j]) for x in (uv, read))
         for name, own in (("the board", at), ("the board mirrored", at.conjugate())):
             x, y, turn = fit_pose(own, there, np.hypot(shipped.sd[rows], PLACE_SD)).values.tolist()
             fits = complex(x, y) + np.exp(1j * turn) * own
@@ -186,10 +184,7 @@ def _misplaced(table: PressTable, shipped: HeldOutErrors) -> Iterator[str]:
                 f"{name} moved by {1e3 * x:.1f}, {1e3 * y:.1f} mm in u, v and turned by "
                 f"{math.degrees(turn):.0f} deg (`skinbus calibrate locate` finds boards)"
             ] = np.stack([fits.real, fits.imag], -1)
-        left = {
-            name: float(np.median(np.hypot(*(np.clip(at, low[rows], high[rows]) - read[rows]).T)))
-            for name, at in tried.items()
-        }
+        left = {name: float(np.median(np.hypot(*(at - read[rows]).T))) for name, at in tried.items()}
         before = left.pop("as said")
         least = min(left.values())
         if before > SUSPECT_M and least <= BETTER * before:

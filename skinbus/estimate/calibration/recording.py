@@ -92,8 +92,10 @@ def find_holds(t: Floats, load: Floats) -> list[Hold]:
     strong, half = float(np.quantile(load[load > 0.0], 0.9)) if (load > 0.0).any() else 0.0, _window(t)
     pressed = load > max(PRESSED * strong, 1e-300)
     # the mean of what follows less that of what precedes: noise is as small as the window is long
-    means = np.convolve(np.pad(load, half, mode="edge"), np.ones(half) / half, "valid")
-    change = np.abs(means[half + 1 : half + 1 + len(load)] - means[: len(load)])
+    before, after = (
+        uniform_filter1d(load, half, mode="nearest", origin=k) for k in ((half - 1) // 2, -(half // 2))
+    )
+    change = np.abs(after - before)
     steps = np.diff(load)[pressed[1:] & pressed[:-1]]
     noise = 1.4826 * float(np.median(np.abs(steps))) / np.sqrt(half) if len(steps) else 0.0
     held = pressed & (change < np.maximum(STEADY * load, SURE * noise))

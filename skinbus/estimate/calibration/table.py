@@ -83,15 +83,6 @@ class PressTable:
             out[rows] = self.arm.on_board(int(p), s[rows], a[rows])
         return out
 
-    def hull(self, rim: float) -> tuple[Floats, Floats]:
-        """Return the least and largest u, v of the tactels of the board of each press, (n, 2) m each.
-
-        rim: pitches that are added around them
-        """
-        each = [np.asarray(placed.patch.tactels_uv) for placed in self.arm.patches]
-        low, high = (np.array([end(uv, axis=0) for uv in each])[self.patch] for end in (np.min, np.max))
-        return low - rim * self.pitch, high + rim * self.pitch
-
     def own(self, p: int) -> Floats:
         """Return what a patch reads in its rows, (n_rows, its tactels) Pa."""
         return np.asarray(self.pressures[self.patch == p][:, self.arm.tactels_of(p)])

@@ -1,8 +1,8 @@
 """The calibration that is written into boards, and the error to expect of it, at presses not used for it.
 
 Presses are divided into folds; each fold is estimated as the skin estimates contacts, by level ``fit``, with
-all that would be written of a calibration made from the others: law, map and noise. Presses that lie alike
-between tactels are in one fold: others at the same distances, as on a grid, share what is left out.
+all that would be written of a calibration made from the others: law, map and noise. Presses at the same
+distances from tactels, as on a grid, are in one fold.
 
 Source: M. Stone, Cross-validatory choice and assessment of statistical predictions (1974).
 """
@@ -118,19 +118,17 @@ def errors_of(table: PressTable, arm: Arm) -> HeldOutErrors:
 
 
 def _inside(table: PressTable) -> Bools:
-    low, high = table.hull(RIM)
-    uv = table.uv()
-    return np.asarray(((uv >= low) & (uv <= high)).all(axis=1))
+    uv, inside = table.uv(), np.zeros(len(table), np.bool_)
+    for p, placed in enumerate(table.arm.patches):
+        rows, tactels, rim = table.patch == p, np.asarray(placed.patch.tactels_uv), RIM * table.pitch
+        low, high = tactels.min(axis=0) - rim, tactels.max(axis=0) + rim
+        inside[rows] = ((uv[rows] >= low) & (uv[rows] <= high)).all(axis=1)
+    return inside
 
 
 def _folds(table: PressTable) -> Ints:
-    """Return the fold of each press, (n,), by its distances from the nearest tactel along u and v."""
-    uv, alike = table.uv(), np.zeros((len(table), 2))
-    for p in np.unique(table.patch):
-        rows = table.patch == p
-        away = np.abs(uv[rows][:, None] - np.asarray(table.arm.patches[p].patch.tactels_uv))
-        nearest = np.hypot(*away.T).T.argmin(axis=1)
-        alike[rows] = np.sort(away[np.arange(len(away)), nearest], axis=1)
-    places, group = np.unique(np.rint(alike / (ALIKE * table.pitch)), axis=0, return_inverse=True)
+    """Return the fold of each press, (n,), by its distances from the two nearest tactels."""
+    alike = np.sort(table.away(), axis=1)[:, :2] / (ALIKE * table.pitch)
+    places, group = np.unique(np.rint(np.nan_to_num(alike)), axis=0, return_inverse=True)
     order = np.random.default_rng(0).permutation(len(places)) % FOLDS
     return np.asarray(order[np.ravel(group)], np.intp)
