@@ -48,25 +48,17 @@ def test_places_go_into_the_file_when_it_is_asked_for(case, tmp_path):
 
 
 @pytest.mark.slow
-def test_outliers_are_named_by_their_lines(case, tmp_path):
-    path, planned, _, presses = case
-    presses = list(presses)
-    presses[7] = presses[7]._replace(s=presses[7].s + 9e-3)
-    write_presses(tmp_path / "presses.csv", planned, presses)
-    said = locate(path, tmp_path / "presses.csv")
-    assert "line 9: more than 4 standard deviations off" in said
-
-
-@pytest.mark.slow
-def test_boards_at_each_others_places_are_not_moved_and_both_are_named(case, tmp_path):
+def test_boards_at_each_others_places_are_not_moved_and_both_are_named_as_are_outliers(case, tmp_path):
     path, planned, _, presses = case
     swapped = [press._replace(patch={4: 13, 13: 4}.get(press.patch, press.patch)) for press in presses]
+    swapped[7] = swapped[7]._replace(s=swapped[7].s + 9e-3)
     table = tmp_path / "presses.csv"
     write_presses(table, planned, swapped)
     result = locate(path, table, "--out", tmp_path / "out.toml", status=1)
     for node_id in (5, 14):
         said = rf"^node {node_id}: its presses fit \d+ mm from its place.* node_id in the presses"
         assert re.search(said, result, re.M)
+    assert "line 9: more than 4 standard deviations off" in result
     assert "18 boards moved" in result
     old, new = load_arm(path, check_load=False), load_arm(tmp_path / "out.toml", check_load=False)
     assert [(new.patch_s[p], new.patch_a[p]) for p in (4, 13)] == [

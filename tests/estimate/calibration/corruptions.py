@@ -131,11 +131,10 @@ def slipped(lag):
     """Readings some rows away from their places; the rows of a board are read in their order."""
 
     def corrupt(table, rng):
-        pressures = table.pressures.copy()
+        order = np.arange(len(table))
         for p in np.unique(table.patch):
-            own = table.patch == p
-            pressures[own] = np.roll(pressures[own], lag, axis=0)
-        return replace(table, pressures=pressures)
+            order[table.patch == p] = np.roll(order[table.patch == p], lag)
+        return replace(table, pressures=table.pressures[order])
 
     return corrupt
 

@@ -42,21 +42,17 @@ def misplaced(arm, rng, place=3e-3, yaw=math.radians(3.0)):  # noqa: B008  a con
     return Arm(arm.name, arm.links, patches, *arm.buses)
 
 
-def pressed(true, seed, *, n=6, sd=0.3e-3, force=5.0, half=HALF, centre=(0.0, 0.0)):
+def pressed(true, seed, *, n=6, sd=0.3e-3, force=5.0, half=HALF):
     """Presses on each board, each at a place that is known up to an error of ``sd`` along both directions."""
     hand, rng = Hand(true, seed), np.random.default_rng(seed + 1)
     presses = []
     for p, placed in enumerate(true.patches):
-        surface = true.links[placed.link].surface
-        for _ in range(n):
-            x, y = rng.uniform(-half, half, 2) + centre
-            cos, sin = np.cos(placed.yaw), np.sin(placed.yaw)
-            where = np.array([placed.s + cos * x - sin * y, sin * x + cos * y])
-            s, a = surface.undevelop(*where, placed.a)
+        for uv in rng.uniform(-half, half, (n, 2)):
+            both = [uv, uv + sd * rng.standard_normal(2)]
+            (s, said_s), (a, said_a) = true.on_link(p, np.array(both))
             hand.scene.plan.touches = [(placed.link, float(s), float(a), force)]
-            said = surface.undevelop(*(where + sd * rng.standard_normal(2)), placed.a)
             readings = np.mean([hand.pressures() for _ in range(5)], axis=0)[true.tactels_of(p)]
-            presses.append(Press(p, float(said[0]), float(said[1]), force, readings))
+            presses.append(Press(p, float(said_s), float(said_a), force, readings))
     return presses
 
 

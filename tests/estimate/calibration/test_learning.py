@@ -112,17 +112,17 @@ def test_what_cannot_be_learned_from_is_refused(change, words):
 @pytest.mark.parametrize("place_sd", [0.05e-3, 0.3e-3, 0.6e-3])
 def test_errors_of_place_are_not_learned_as_gains_widths_or_the_end_of_the_law(place_sd, seed):
     """Six boards, 40 presses each, of which all are said to err by 0.3 mm; forces err by 1 %."""
-    rng, law, each, force = np.random.default_rng([SEED, seed]), shipped_law(), 40, 5.0
-    patch = pad().patches[0].patch
+    rng, law, force = np.random.default_rng([SEED, seed]), shipped_law(), 5.0
+    patch, which = pad().patches[0].patch, np.repeat(np.arange(6), 40)
     boards = [PlacedPatch(patch=patch, node_id=1 + k, link=0, s=0.05 + 0.08 * k, a=0.0) for k in range(6)]
     arm = Arm("six", [Link("link", Surface.plane(0.55, 0.2))], boards)
-    s = np.concatenate([board.s + rng.uniform(-0.02, 0.02, each) for board in boards])
-    a = rng.uniform(-0.02, 0.02, len(s))
+    s, a = rng.uniform(-0.02, 0.02, (2, len(which)))
+    s += 0.05 + 0.08 * which
     gain = 1.0 + 0.05 * rng.standard_normal(arm.n_tactels)
     d = arm.distance(slice(None), s, a)
     pressed = force * np.exp(0.01 * rng.standard_normal((len(s), 1)))
     pressures = gain * law.pressure(d, pressed) + NOISE * rng.standard_normal(d.shape)
-    pressures[np.repeat(np.arange(6), each)[:, None] != arm.tactel_patch] = np.nan
+    pressures[which[:, None] != arm.tactel_patch] = np.nan
     said = np.array([s, a]) + place_sd * rng.standard_normal((2, len(s)))
     learned = learn_radial_law(arm, *said, np.full(len(s), force), pressures, place_sd=0.3e-3, maps=False)
     foot = np.linspace(0.020, 0.028, 50)
