@@ -112,7 +112,7 @@ class Guard(Core):
         self._contacts = _Watched("contacts", round(CYCLES * 1e9 / arm.bus.rate_hz))
         self._watched = [self._contacts] if needs_contacts else []
         self._handlers: dict[tuple[int, int], Callable[[Frame], None]] = {}
-        heard = [{GFC_ID, *(w.answer_id for w in stops if w.bus == bus)} for bus in range(len(arm.buses))]
+        writes = [*stops]
         for p in np.flatnonzero(arm.guarded).tolist():
             bus, node_id, liveness = arm.patches[p].bus, arm.patches[p].node_id, liveness_pdo(ods[p])
             patch = _Watched(f"patch {arm.node_label(p)}", round(SILENT * settings.liveness_ns), bus, node_id)
@@ -121,15 +121,15 @@ class Guard(Core):
             self._watched.append(patch)
             self._handlers[bus, liveness.cob_id if liveness else -1] = partial(self._take_state, patch)
             self._handlers[bus, cia.EMCY_BASE + node_id] = partial(self._take_emcy, patch)
-            heard[bus].add(patch.acknowledge.answer_id)
+            writes.append(patch.acknowledge)
         period_ms = number_at(load_eds("skin-master", MASTER_NODE_ID), cia.HEARTBEAT_PRODUCER)
         for bus, named in enumerate(arm.buses):
             master = _Watched(f"master {named.name}".strip(), round(SILENT * 1e6 * period_ms), bus)
             self._watched.append(master)
             self._handlers[bus, cia.HEARTBEAT_BASE + MASTER_NODE_ID] = partial(self._take_heartbeat, master)
-        for bus, cob_id in self._handlers:
-            heard[bus].add(cob_id)
-        self._cob_ids = [*map(frozenset, heard)]
+        heard = {*self._handlers, *((write.bus, write.answer_id) for write in writes)}
+        numbers = range(len(arm.buses))
+        self._cob_ids = [frozenset({GFC_ID, *(i for k, i in heard if k == bus)}) for bus in numbers]
 
     def cob_ids_on(self, bus: int) -> frozenset[int]:
         """GFC, liveness and EMCY of the patches, heartbeat of the master, answers to what is written."""

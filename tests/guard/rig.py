@@ -85,10 +85,6 @@ class Rig:
         """A frame of the drive, by default the one that confirms."""
         return Frame(0x5E4, bytes.fromhex(data), bus=self.last_bus)
 
-    def guard_label(self, k):
-        """How a patch is called."""
-        return self.arm.node_label(int(self.arm.bus_start[k]))
-
     def count(self, kind):
         """How many events of a kind there were."""
         return [event.kind for event in self.events].count(kind)
