@@ -2,11 +2,9 @@
 
 from skinbus.can.event import Event, EventKind
 from skinbus.can.virtual_buses import VirtualBuses
-from skinbus.master import Master
-from skinbus.sim import World, load_scene
+from tests.master.rig import MS, Rig
 from tests.two_buses import two_buses
 
-MS = 1_000_000
 LEFT, RIGHT = 0, 1
 
 ARM = two_buses(("right", 1, 80.0), ("left", 1, 28.0), second="bitrate = 500_000")
@@ -33,28 +31,26 @@ end_s = 1000.0
 ON_LEFT, ON_RIGHT, ON_SEAM = (20.0, -8.0), (90.0, 8.0), (54.0, 1.0)
 
 
-def write_scene(folder, touches, arm=ARM):
+def write_scene(folder, touches):
     """Write the arm and a scene with touches at (s, a) mm; the path of the scene."""
-    (folder / "arm.toml").write_text(arm)
+    (folder / "arm.toml").write_text(ARM)
     scene = SCENE.format(arm=folder / "arm.toml")
     scene += "".join(TOUCH.format(s_mm=s, a_mm=a) for s, a in touches)
     (folder / "scene.toml").write_text(scene)
     return folder / "scene.toml"
 
 
-class BusesRig:
+class BusesRig(Rig):
     """Everything that a test looks at; frames by bus."""
 
     def __init__(self, scene_file, **settings):
-        self.scene = load_scene(scene_file)
-        arm = self.scene.arm
-        self.world = World(self.scene)
-        self.reports, self.events = [], []
-        self.master = Master(arm, on_cycle=self.reports.append, **settings)
-        self.wires = VirtualBuses([bus.bitrate for bus in arm.buses])
+        super().__init__(scene_file, lambda world: world, **settings)
+
+    def connect(self):
+        self.wires = VirtualBuses([bus.bitrate for bus in self.scene.arm.buses])
         self.patch_ports = self.wires.attach(self.world)
         self.ports = self.wires.attach(self.master, on_event=self.events.append)
-        self.frames = [[] for _ in arm.buses]
+        self.frames = [[] for _ in self.wires.wires]
         for wire, frames in zip(self.wires.wires, self.frames, strict=True):
             wire.tap(frames.append)
 

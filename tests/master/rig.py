@@ -72,6 +72,9 @@ class Rig:
         self.patches = boards(self.world)
         self.reports, self.events, self.frames = [], [], []
         self.master = Master(self.scene.arm, on_cycle=self.take, **settings)
+        self.connect()
+
+    def connect(self):
         bus = self.scene.arm.bus
         self.wire = VirtualBus(bus.bitrate, data_bitrate=bus.data_bitrate)
         self.port = self.wire.attach(self.patches)

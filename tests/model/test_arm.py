@@ -85,12 +85,6 @@ def test_single_patch_takes_any_layout():
     assert arm.links[0].surface.width == pytest.approx(0.028)
 
 
-@pytest.mark.parametrize("uv", [[], [[1.0]], [[0.0, math.nan]], [0.0, 1.0]])
-def test_single_patch_refuses_what_is_no_layout(uv):
-    with pytest.raises(ValueError, match=r"shape|none masked"):
-        Arm.single_patch(uv)
-
-
 def test_arm_without_links_or_patches_is_refused():
     with pytest.raises(ValueError, match="at least one"):
         Arm("empty", [], [])

@@ -30,33 +30,24 @@ along = [0.0, 0.0, 1.0]
 """
 
 
+RADIUS, LENGTH, ROWS, AROUND = 0.05, 0.2, 2, 6
+
+
 @cache
-def tube_arms(radius=0.05, length=0.2, rows=2, around=6, edge=3e-3, patch=None):
+def tube_arms():
     """A cylinder with rings of boards, and its mesh with the same boards."""
-    patch = patch or Patch(tactels_uv=grid(4, 4, 0.010), law=Cone())
-    surface = Surface.cylinder(length, radius)
-    boards = [
-        PlacedPatch(
-            patch=patch,
-            node_id=1 + around * row + k,
-            link=0,
-            s=0.5 * length + 0.051 * (row - 0.5 * (rows - 1)),
-            a=float(surface.wrap(k * surface.period / around)),
-        )
-        for row in range(rows)
-        for k in range(around)
-    ]
+    patch, surface = Patch(tactels_uv=grid(4, 4, 0.010), law=Cone()), Surface.cylinder(LENGTH, RADIUS)
+    boards, laid = [], []
+    for k in range(ROWS * AROUND):
+        row, column = divmod(k, AROUND)
+        s = 0.5 * LENGTH + 0.051 * (row - 0.5 * (ROWS - 1))
+        a = float(surface.wrap(column * surface.period / AROUND))
+        boards.append(PlacedPatch(patch=patch, node_id=1 + k, link=0, s=s, a=a))
+        point, _ = surface.position(s, a)
+        along = np.array([1.0, 0.0, 0.0])
+        laid.append(Laid(key=f"patch[{k + 1}]", uv=patch.tactels_uv, point=point, along=along))
     flat = Arm("cylinder", [Link("tube", surface)], boards)
-    laid = [
-        Laid(
-            key=f"patch[{n + 1}]",
-            uv=np.asarray(patch.tactels_uv),
-            point=surface.position(placed.s, placed.a)[0],
-            along=np.array([1.0, 0.0, 0.0]),
-        )
-        for n, placed in enumerate(boards)
-    ]
-    return flat, mesh_arm(mend(*tube(radius, length, edge)), laid, boards)
+    return flat, mesh_arm(mend(*tube(RADIUS, LENGTH, 3e-3)), laid, boards)
 
 
 def mesh_arm(mesh, laid, boards):

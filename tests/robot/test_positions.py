@@ -19,10 +19,10 @@ def put(joints, t_ns, positions):
     joints.put(t_ns, joints.resolve(positions))
 
 
-def positions(kinds=("revolute", "prismatic", "continuous"), *joints, max_age_ms=50, velocity=math.inf):
+def positions(kinds=("revolute", "prismatic", "continuous"), *joints, velocity=math.inf):
     names = tuple(f"j{k}" for k in range(len(kinds)))
     chain = SimpleNamespace(names=names, kinds=kinds, velocity=np.full(len(kinds), velocity))
-    settings = RobotSettings(file="", urdf="", max_age_ns=max_age_ms * MS, links=(), joints=tuple(joints))
+    settings = RobotSettings(file="", urdf="", max_age_ns=50 * MS, links=(), joints=tuple(joints))
     return JointPositions(chain, settings)
 
 

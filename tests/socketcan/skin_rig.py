@@ -122,13 +122,12 @@ def is_reading(frame):
     return frame.can_id & 0x780 in (0x180, 0x280, 0x380, 0x480) and frame.can_id & 0x7F not in (0, 0x7F)
 
 
-def assert_nothing_stale(frames, n_readings=0):
+def assert_nothing_stale(frames):
     """Every contact with force comes after readings of its cycle, or coasts and was seen in these frames.
 
-    ``n_readings`` came just before these. On a busy machine a cycle may close in the moment
-    of the next SYNC, and its contacts follow that.
+    On a busy machine a cycle may close in the moment of the next SYNC, and its contacts follow that.
     """
-    n_before = 0
+    n_before = n_readings = 0
     seen = set()
     for frame in frames:
         if frame.can_id == SYNC:

@@ -41,13 +41,13 @@ def exported(*args, **settings):
     return run("export", *args, **settings)
 
 
-def decoded_by_cantools(arm, log, channel="can0", bus="", *, sync="can0"):
+def decoded_by_cantools(arm, log, channel="can0", bus=""):
     """Readings as cantools makes them of the DBC: {(time of the SYNC before, node, tactel): Pa}."""
     exported("--arm", arm, "--out", "x.dbc")
     (path,) = Path.cwd().glob(f"x{bus}.dbc")
     database = cantools.database.load_file(path)
     known = {message.frame_id: message for message in database.messages if "patch" in message.senders[0]}
-    syncs = np.array([frame.t_ns for frame in frames_in(log, sync) if frame.can_id == 0x80])
+    syncs = np.array([frame.t_ns for frame in frames_in(log) if frame.can_id == 0x80])
     found = {}
     for frame in frames_in(log, channel):
         if message := known.get(frame.can_id):

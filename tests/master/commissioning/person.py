@@ -15,6 +15,7 @@ from skinbus.sim.touch import Touch, Touches
 
 FORCE_N = 8.0
 FINGER_MM = 12.0
+NOISE_PA = 200.0
 
 
 class HandPlan:
@@ -53,7 +54,7 @@ def pressed_scene(arm, effects=()):
     return scene
 
 
-def mounted(plan, seed, *, place_mm=3.0):
+def mounted(plan, seed):
     """The arm as it was mounted: boards in random order, off by a little, turned by quarters.
 
     Board k of the answer sits where patch k of the plan was to be.
@@ -63,7 +64,7 @@ def mounted(plan, seed, *, place_mm=3.0):
     serials = (rng.choice(1 << 31, plan.n_patches, replace=False) + 1).tolist()
     patches = []
     for placed, node_id, serial in zip(plan.patches, node_ids, serials, strict=True):
-        (ds, da), yaw = 1e-3 * place_mm * rng.standard_normal(2), 0.5 * math.pi * rng.integers(4)
+        (ds, da), yaw = 3e-3 * rng.standard_normal(2), 0.5 * math.pi * rng.integers(4)
         place = {"s": placed.s + ds, "a": placed.a + da, "yaw": placed.yaw + yaw}
         patches.append(replace(placed, node_id=node_id, serial=serial, **place))
     return Arm(plan.name, plan.links, patches, *plan.buses)
@@ -72,11 +73,10 @@ def mounted(plan, seed, *, place_mm=3.0):
 class Hand:
     """Pressures of an arm under a hand, without a bus."""
 
-    def __init__(self, arm, seed, noise_pa=200.0):
+    def __init__(self, arm, seed):
         self.arm = arm
         self.scene = pressed_scene(arm)
         self.rng = np.random.default_rng(seed)
-        self._noise = noise_pa
         self.offset = np.zeros(arm.n_tactels)
         """Pa, zeros that lie elsewhere than the files say."""
         geometry = Geometry.of(arm, discs=True)
@@ -85,7 +85,7 @@ class Hand:
     def pressures(self):
         pressures = np.zeros(self.arm.n_tactels)
         self._law.add(self.scene.plan.load(0.0), pressures)
-        return pressures + self.offset + self._noise * self.rng.standard_normal(len(pressures))
+        return pressures + self.offset + NOISE_PA * self.rng.standard_normal(len(pressures))
 
 
 ASKED = re.compile(r"\[(\d+)/\d+\] .*: press the centre\.$")
@@ -94,10 +94,9 @@ ASKED = re.compile(r"\[(\d+)/\d+\] .*: press the centre\.$")
 class Person:
     """Does what the newest line asks for, on the boards as they are mounted; off by 2 mm or so."""
 
-    def __init__(self, arm, seed, sloppy_mm=2.0):
+    def __init__(self, arm, seed):
         self.arm = arm
         self.rng = np.random.default_rng(seed)
-        self._sloppy = sloppy_mm
 
     def aim(self, line):
         """Where a line asks to press: link, s, a."""
@@ -106,7 +105,7 @@ class Person:
     def point(self, p, off=(0.0, 0.0)):
         """Where the centre of the board at a place is, or a point off it: link, s, a."""
         placed = self.arm.patches[p]
-        x, y = off + 1e-3 * self._sloppy * self.rng.standard_normal(2)
+        x, y = off + 2e-3 * self.rng.standard_normal(2)
         surface = self.arm.links[placed.link].surface
         s, a = surface.undevelop(placed.s + x, y, placed.a)
         return placed.link, float(s), float(a)

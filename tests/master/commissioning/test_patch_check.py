@@ -36,15 +36,15 @@ def device(eds="skin-patch"):
     return Device(load_eds(eds, NODE), NODE, storage={})
 
 
-def check(board, eds="skin-patch", wire=None, rules=RULES, n_syncs=50, ask=None):
+def check(board, eds="skin-patch", n_syncs=50, ask=None):
     """Return what came of each rule by its name."""
-    wire = wire or VirtualBus(1_000_000, data_bitrate=2_000_000)
+    wire = VirtualBus(1_000_000, data_bitrate=2_000_000)
     wire.attach(board)
     od = load_eds(eds, NODE)
-    core = PatchCheck(NODE, od, 5 * NS_PER_MS, rules, n_syncs=n_syncs, ask=ask, destructive=True)
+    core = PatchCheck(NODE, od, 5 * NS_PER_MS, RULES, n_syncs=n_syncs, ask=ask, destructive=True)
     wire.attach(core)
     wire.run(wire.now_ns + LIMIT_NS)
-    assert [result.rule for result in core.results] == list(rules)
+    assert [result.rule for result in core.results] == list(RULES)
     return {result.rule.name: result for result in core.results}
 
 
