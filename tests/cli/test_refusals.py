@@ -12,6 +12,7 @@ from skinbus.cli import main
 from skinbus.config.arm_file import find_arm
 from skinbus.objects.eds import find_eds
 from tests.gateway.doubles import write_scene
+from tests.objects.test_module_board import EIGHT_INPUTS
 
 REFUSED = """
 demmo                                                   -> Did you mean 'demo'
@@ -45,6 +46,17 @@ board new --grid 4x4 --pitch-mm 8 --full-scale-kpa -60 --out x.eds       -> full
 board new --grid 4x4 --pitch-mm 8 --full-scale-kpa 0 --out x.eds         -> full scale of 0 kPa
 board new --grid 4x4 --pitch-mm 8 --full-scale-kpa 1e12 --out x.eds      -> full scale of 1e+12 kPa
 board new --grid 4x4 --pitch-mm 8 --out board.eds       -> is there already; it would be lost
+board new --positions t1.csv --out x.eds                -> u_mm
+board new --positions t2.csv --out x.eds                -> line 2, v_mm
+board new --positions t3.csv --out x.eds                -> pitch of 0 mm
+board new --positions t4.csv --out x.eds                -> pitch of inf mm
+board new --positions t5.csv --pitch-mm 8 --out x.eds   -> 1 at least
+board new --positions t6.csv --pitch-mm 8 --out x.eds   -> normal 1
+board new --positions t4.csv --grid 4x4 --out x.eds     -> wanted --grid with --pitch-mm, or --positions
+board new --grid 4x2 --pitch-mm 10 --full-scale-kpa 500 --module notes.txt --out x.dcf   -> wanted an EDS
+board new --grid 3x2 --pitch-mm 10 --full-scale-kpa 500 --module module.eds --out x.dcf  -> TPDOs
+scene check scene-bad.toml                              -> 3 faults | scene.duration_s | effect.nois | loss.
+doctor nosuch                                           -> nosuch: 1 fault
 doctor forearm --interface slcan --unit                 -> the unit is for SocketCAN
 view forearm --attach x --channel can0                  -> no bus is used
 view empty.log                                          -> a recording needs --arm
@@ -58,6 +70,21 @@ patch skin-patch --node 5 --reader math:pi              -> math:pi is of type fl
 calibrate pad none.csv --out none.dcf                   -> one that can be read (No such file
 calibrate my.toml my.toml --out my.toml                 -> .dcf
 calibrate my.toml my.toml --out board.dcf               -> would be lost
+calibrate my.toml p1.csv --out x.dcf                    -> line 1: wanted a column 'node_id', of node_id
+calibrate my.toml p2.csv --out x.dcf                    -> line 1: wanted a column 'p1'
+calibrate my.toml p3.csv --out x.dcf                    -> line 1: is 's [mm]'; wanted a column 's_mm'
+calibrate my.toml p4.csv --out x.dcf                    -> is 'force'; wanted a column 'force_n'
+calibrate my.toml p5.csv --out x.dcf                    -> wanted presses
+calibrate my.toml p6.csv --out x.dcf                    -> divided by ';'"; wanted commas between columns
+calibrate my.toml p7.csv --out x.dcf                    -> wanted commas between columns
+calibrate my.toml p8.csv --out x.dcf                    -> line 2, a_mm: is 'zero'; wanted a number \
+| line 3, node_id: is '9'; wanted a patch of the arm | line 4, s_mm: wanted a number \
+| line 5, p1: is '1O0'; wanted a number | line 6: is 'no reading'; wanted some of p1 to p16 \
+| line 7: is '7 values'; wanted 6 values, as in line 1 | line 10, force_n: is -1.0; wanted a positive number \
+| force_n: is 'empty in 1 of 4 presses'
+calibrate locate my.toml p8.csv                         -> line 3, node_id
+calibrate locate pad p8.csv --write                     -> pad
+calibrate presses field.log --arm pad --poses poses.csv --out x.csv      -> line 3, s_mm: is 'x' | line 4:
 calibrate locate my.toml robot.csv --out board.dcf      -> would be lost
 calibrate presses x.log --arm pad --poses none.csv --out x.csv           -> one that can be read (No such file
 calibrate presses field.log --arm pad --poses robot.csv --out robot.csv  -> would be lost
@@ -100,6 +127,27 @@ export --arm pad --out x.txt                            -> .dbc
 """
 
 
+TACTELS = [
+    "u,v\n1,2\n",
+    "u_mm,v_mm\n1,x\n",
+    "u_mm,v_mm\n1,2\n1,2\n",
+    "u_mm,v_mm\n1,2\n",
+    "u_mm,v_mm\n",
+    "x_m,y_m,z_m,nx,ny,nz\n0,0,0,0,0,0\n",
+]
+PRESSES = [
+    "",
+    "node_id,s_mm,force_n\n",
+    "Node,s [mm],a,F,P1\n",
+    "node_id,s_mm,a_mm,force,p1\n",
+    "node_id,s_mm,a_mm,p1\n",
+    "node_id;s_mm;a_mm;p1\n3;10,5;0;5\n",
+    "node_id\ts_mm\ta_mm\tp1\n",
+    "node_id,s_mm,a_mm,force_n,p1,p2\n1,10,zero,5,100,200\n9,10,0,5,100,200\n1,,0,1,100,200\n1,10,0,,1O0,200\n"
+    "1,10,0,5,,\n1,10,0,5,1,2,3\n1,10,0,5,1,2\n1,10,0,,1,2\n1,10,0,-1,100,200\n",
+]
+
+
 @pytest.fixture
 def here(tmp_path, monkeypatch, field):
     """A folder with files of a user."""
@@ -113,6 +161,12 @@ def here(tmp_path, monkeypatch, field):
         '[[link]]\nname = "l"\nsurface = "sphere"\nlength_mm = 100\n'
         '[[patch]]\nnode_id = 300\nlink = "m"\ns_mm = 10\nangel_deg = 3\n',
         "robot.csv": "t_s,s_mm,a_mm\n0,1,2\n",
+        "module.eds": EIGHT_INPUTS.read_text(),
+        "scene-bad.toml": '[scene]\narm = "pad"\nduration_s = -1\n'
+        "[effect.nois]\n[effect.loss]\nprobability = 2\n",
+        "poses.csv": "t_s,s_mm,a_mm\n0,1,2\n0.1,x,2\n0.2,1\n",
+        **{f"t{k}.csv": text for k, text in enumerate(TACTELS, 1)},
+        **{f"p{k}.csv": text for k, text in enumerate(PRESSES, 1)},
         "pauses.log": "\n".join([*pauses, ""]),
         "old.log": "old",
         **dict.fromkeys(("notes.txt", "x.health", "y.1"), "mine"),

@@ -69,11 +69,6 @@ def test_shipped_arm_loads_and_fits_its_bus(name, sizes):
         assert cyclic_load(arm, ods_of(arm), bus) <= MAX_LOAD
 
 
-def test_unknown_name_lists_the_known_ones():
-    with pytest.raises(ConfigError, match="arm, arm-two-buses, forearm, pad"):
-        load_arm("foot")
-
-
 def test_every_fault_of_a_file_is_said_at_once(tmp_path):
     text = """
 [arm]

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from skinbus.objects.contacts import ContactState, pack_contacts, pack_deviations
-from skinbus.objects.eds import load_eds
 from tests.packing import unpack_contacts
 
 # id, link, state, s m, a m, force N, data
@@ -55,8 +54,3 @@ def test_deviations_are_not_understated(ss, aa, sa, ff, place, force):
     covariance = np.diag([1e-6 * ss, 1e-6 * aa, ff])
     covariance[0, 1] = covariance[1, 0] = 1e-6 * sa
     assert [int(column[0]) for column in pack_deviations(covariance[None])] == [place, force]
-
-
-def test_layout_is_that_of_the_eds():
-    record = load_eds("skin-master", 127)["Contact 1"]
-    assert [record[k].data_type for k in range(1, 6)] == [5, 5, 3, 3, 6]

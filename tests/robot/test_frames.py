@@ -87,10 +87,6 @@ def test_two_hundred_random_trees_agree_with_pinocchio(tmp_path):
         assert_agrees_with_pinocchio(pin, text, arm, rng)
 
 
-def ur10e(rng, **more):
-    return arm_on(URDF / "ur10e.urdf", ["upper_arm_link", "forearm_link", "wrist_2_link"], rng, **more)
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_covariances_are_those_of_finite_differences(seed, tmp_path):
     """Of points in all frames, by places and joints, on trees of all kinds."""
@@ -115,16 +111,3 @@ def test_covariances_are_those_of_finite_differences(seed, tmp_path):
     given = np.stack([block_diag(cov[:2, :2], np.diag(sd**2)) for cov in contacts.covariance])[:, None]
     expected = slopes @ given @ slopes.swapaxes(2, 3)
     assert_allclose(frames.place(contacts, q, sd).covariance, expected, rtol=1e-6, atol=1e-12)
-
-
-def test_without_joint_positions_only_the_link_frame_is_valid():
-    rng = np.random.default_rng(7)
-    arm = ur10e(rng, tool="tool0")
-    frames = RobotFrames(arm)
-    contacts = columns_on(arm, rng)
-    without, placed = frames.place(contacts, None), frames.place(contacts, np.ones(6))
-    assert not without.valid
-    assert placed.valid
-    assert_allclose(without.point[:, 0], placed.point[:, 0], atol=1e-12)
-    for array in (without.point[:, 1:], without.normal[:, 1:], without.torques, without.base_wrench):
-        assert np.isnan(array).all()

@@ -66,25 +66,6 @@ def test_tactels_lie_where_a_file_of_positions_says(tmp_path, header, line):
     assert patch.diameter == pytest.approx(7e-3)
 
 
-@pytest.mark.parametrize(
-    ("text", "more", "said"),
-    [
-        ("u,v\n1,2\n", (), "u_mm"),
-        ("u_mm,v_mm\n1,x\n", (), "line 2, v_mm"),
-        ("u_mm,v_mm\n1,2\n1,2\n", (), "pitch of 0 mm"),
-        ("u_mm,v_mm\n1,2\n", (), "pitch of inf mm"),
-        ("u_mm,v_mm\n", ("--pitch-mm", 8), "1 at least"),
-        ("x_m,y_m,z_m,nx,ny,nz\n0,0,0,0,0,0\n", ("--pitch-mm", 8), "normal 1"),
-        ("u_mm,v_mm\n1,2\n", ("--grid", "4x4"), "wanted --grid with --pitch-mm, or --positions"),
-    ],
-)
-def test_positions_that_cannot_be_are_refused_and_nothing_is_written(tmp_path, text, more, said):
-    positions, out = tmp_path / "tactels.csv", tmp_path / "l.eds"
-    positions.write_text(text)
-    assert said in refused("board", "new", "--positions", positions, *more, "--out", out)
-    assert not out.exists()
-
-
 def test_a_new_board_passes_its_check_and_a_spoilt_one_is_refused_with_all_its_faults(eds):
     assert "no fault; 36 tactels on 49 x 49 mm, 5 TPDOs" in board("lint", eds)
     text = eds.read_text()
@@ -109,13 +90,3 @@ def test_an_analogue_module_of_others_becomes_a_board_of_an_arm(tmp_path):
     arm = load_arm(arm_file)
     assert arm.n_tactels == 6 * 8
     assert arm.patches[0].patch.transducer.full_scale == 500e3
-
-
-@pytest.mark.parametrize(
-    ("text", "grid", "said"), [("no EDS", "4x2", "wanted an EDS"), (EIGHT_INPUTS.read_text(), "3x2", "TPDOs")]
-)
-def test_a_module_that_cannot_be_a_board_is_refused_and_nothing_is_written(tmp_path, text, grid, said):
-    module, out = tmp_path / "module.eds", tmp_path / "inputs.dcf"
-    module.write_text(text)
-    assert said in refused("board", "new", "--grid", grid, *INPUTS, "--module", module, "--out", out)
-    assert not out.exists()

@@ -11,7 +11,7 @@ from skinbus.estimate.calibration.table import Press, kind_of
 from skinbus.model import Arm, Radial
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
-from tests.cli.invoke import refused, run
+from tests.cli.invoke import run
 
 ARM = """
 [arm]
@@ -76,52 +76,6 @@ def test_presses_become_files_that_an_arm_file_takes(arm_file, tmp_path):
         assert np.median(patch.noise) == pytest.approx(NOISE, rel=0.15)
     arm_file.write_text(ARM.format(three="mine-3.dcf"))
     assert isinstance(load_arm(arm_file).patches[0].patch.law, Radial)
-
-
-def test_every_fault_of_a_file_is_said_at_once_and_nothing_is_written(arm_file, tmp_path):
-    path = tmp_path / "presses.csv"
-    path.write_text(
-        "node_id,s_mm,a_mm,force_n,p1,p2\n"
-        "3,10,zero,5,100,200\n"
-        "9,10,0,5,100,200\n"
-        "3,,0,1,100,200\n"
-        "3,10,0,,1O0,200\n"
-        "3,10,0,5,,\n"
-        "3,10,0,5,1,2,3\n"
-        "3,10,0,5,1,2\n"
-        "4,10,0,,1,2\n"
-        "3,10,0,-1,100,200\n"
-    )
-    said = refused("calibrate", arm_file, path, "--out", tmp_path / "mine.dcf")
-    for words in (
-        "line 2, a_mm: is 'zero'; wanted a number",
-        "line 3, node_id: is '9'; wanted a patch of the arm",
-        "line 4, s_mm: wanted a number",
-        "line 10, force_n: is -1.0; wanted a positive number",
-        "line 5, p1: is '1O0'; wanted a number",
-        "line 6: is 'no reading'; wanted some of p1 to p16",
-        "line 7: is '7 values'; wanted 6 values, as in line 1",
-        "force_n: is 'empty in 1 of 4 presses'",
-    ):
-        assert words in said, said
-    assert not list(tmp_path.glob("*.dcf"))
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "line 1: wanted a column 'node_id', of node_id, s_mm, a_mm, p1"),
-        ("node_id,s_mm,force_n\n", "line 1: wanted a column 'p1'"),
-        ("Node,s [mm],a,F,P1\n", "line 1: is 's [mm]'; wanted a column 's_mm'"),
-        ("node_id,s_mm,a_mm,force,p1\n", "is 'force'; wanted a column 'force_n'"),
-        ("node_id,s_mm,a_mm,p1\n", "wanted presses"),
-        ("node_id;s_mm;a_mm;p1\n3;10,5;0;5\n", "divided by ';'\"; wanted commas between columns"),
-        ("node_id\ts_mm\ta_mm\tp1\n", "wanted commas between columns"),
-    ],
-)
-def test_file_that_cannot_be_learned_from_says_why(arm_file, tmp_path, text, words):
-    (tmp_path / "presses.csv").write_text(text)
-    assert words in refused("calibrate", arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf")
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from skinbus.config.system import load_arm
 from skinbus.skin.addresses import BusAddress
 from skinbus.skin.cycle import SkinLayout
 from skinbus.skin.shared_memory import SharedWriter, path_of
-from tests.cli.invoke import refused, run
+from tests.cli.invoke import run
 
 MAX_EXPOSURE = 25
 """Of systemd-analyze security, in tenths."""
@@ -75,10 +75,6 @@ def test_doctor_of_buses_without_channels_names_them_and_goes_on():
     assert "bus lower has no channel" in answer
     assert "wake-ups" in answer
     run("doctor", "arm-two-buses", "--interface", "virtuel", status=2)
-
-
-def test_doctor_of_an_arm_that_does_not_exist_is_a_mistake_not_a_finding():
-    assert refused("doctor", "nosuch").startswith("nosuch: 1 fault")
 
 
 def test_interface_is_what_ip_says_of_it(tmp_path, monkeypatch):

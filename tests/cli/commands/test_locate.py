@@ -8,7 +8,7 @@ import pytest
 
 from skinbus.cli.press_csv import write_presses
 from skinbus.config.system import load_arm
-from tests.cli.invoke import refused, run
+from tests.cli.invoke import run
 from tests.estimate.calibration.located_boards import made
 from tests.robot.mesh_arms import write_tube
 
@@ -64,14 +64,6 @@ def test_boards_at_each_others_places_are_not_moved_and_both_are_named_as_are_ou
     assert [(new.patch_s[p], new.patch_a[p]) for p in (4, 13)] == [
         (old.patch_s[p], old.patch_a[p]) for p in (4, 13)
     ]
-
-
-def test_what_is_wrong_ends_with_status_2(case, tmp_path):
-    path = case[0]
-    bad = tmp_path / "bad.csv"
-    bad.write_text("node_id,s_mm,a_mm,p1\nx,1,2,3\n")
-    assert "line 2, node_id" in refused("calibrate", "locate", path, bad)
-    locate("pad", bad, "--write", status=2)
 
 
 def test_boards_on_meshes_are_not_moved(tmp_path):

@@ -10,7 +10,7 @@ from skinbus.cli.press_csv import write_presses
 from skinbus.config.system import load_arm
 from skinbus.estimate.calibration.table import Press
 from tests.cli.commands.pressed_field import make_field
-from tests.cli.invoke import refused, run
+from tests.cli.invoke import run
 from tests.master.test_free_running import by_events
 
 SEED = 20261125
@@ -97,12 +97,3 @@ def test_a_line_names_the_bus_where_an_arm_has_several(tmp_path):
     with (tmp_path / "out.csv").open() as file:
         (row,) = csv.reader(file.readlines()[1:])
     assert row[:5] == ["lower", "1", "30", "0", ""]
-
-
-@pytest.mark.slow
-def test_every_fault_of_a_log_of_poses_is_said_at_once(field):
-    folder, _ = field
-    (folder / "bad.csv").write_text("t_s,s_mm,a_mm\n0,1,2\n0.1,x,2\n0.2,1\n")
-    said = presses(folder, "--poses", folder / "bad.csv", how=refused)
-    assert "line 3, s_mm: is 'x'; wanted a number" in said
-    assert "line 4: is '2 values'" in said
