@@ -46,6 +46,14 @@ LIMITED = 4
 PERIOD_US = 1000
 """From one look at the readings, for events, to the next where a board has no guard."""
 PER_LINE = 16
+HERE = Path(__file__).parent
+RELAY = "relay.c"
+"""Of the core: all that a stop relay has, and no board."""
+SIZES = (
+    *("N_RUNS", "DEFAULTS", "IMAGE", "N_LIMITS", "N_TACTELS", "READING_BYTES", "N_PDOS"),
+    *("PDO_ENTRIES", "CONSUMED_ROOM", "GUARD_ROOM"),
+)
+"""Of a board, which a relay does not have; C has no empty arrays."""
 
 
 class Run(NamedTuple):
@@ -64,16 +72,45 @@ def write_project(eds: str, out: Path) -> tuple[int, int]:
     """
     od = load_eds(eds, NODE_ID)
     layout = ImageLayout(od, NODE_ID)
-    header, tables = _texts(eds, od, layout)
-    here = Path(__file__).parent
-    for source in sorted([*here.glob("core/*"), *here.glob("ports/**/*"), here / "Makefile"]):
-        if source.is_file():
-            target = out / source.relative_to(here)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes(source.read_bytes())
+    _write(out, *_texts(eds, od, layout), [path for path in HERE.glob("core/*") if path.name != RELAY])
+    return sum(entry.size for entry in layout.entries.values()), len(layout.entries)
+
+
+def write_relay(arm: str, cob_ids: Sequence[int], silent_us: int, out: Path) -> None:
+    """Write the project of a stop relay.
+
+    Args:
+        arm: name of the file, for the comment.
+        cob_ids: identifiers of the states of the guards of all guarded patches on its bus.
+        silent_us: a patch that says nothing for longer is a stop.
+        out: folder of the project.
+    """
+    source = _source(arm)
+    values = dict.fromkeys(SIZES, 1) | {"FRAME_BYTES": 8, "N_GUARDED": len(cob_ids), "SILENT_US": silent_us}
+    table = _table("uint16_t sb_guarded[SB_N_GUARDED]", [f"0x{cob_id:03X}" for cob_id in cob_ids])
+    header = _header(source, {name: f"{value}u" for name, value in values.items()})
+    _write(
+        out, header, f'{source}#include "skin.h"\n\n{table}', [HERE / "core/skin.h", HERE / "core" / RELAY]
+    )
+
+
+def _write(out: Path, header: str, tables: str, core: Iterable[Path]) -> None:
+    """Write files of the core, all ports and what was made."""
+    for source in (*core, *(path for path in HERE.glob("ports/*") if path.is_file()), HERE / "Makefile"):
+        target = out / source.relative_to(HERE)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(source.read_bytes())
     (out / "board.h").write_text(header)
     (out / "board.c").write_text(tables)
-    return sum(entry.size for entry in layout.entries.values()), len(layout.entries)
+
+
+def _source(name: str) -> str:
+    return f"/* Made from {Path(name).name} by `skinbus board firmware`. */\n"
+
+
+def _header(source: str, defines: dict[str, str]) -> str:
+    lines = [f"#ifndef SB_{name}\n#define SB_{name} {value}\n#endif" for name, value in defines.items()]
+    return "\n".join([f"{source}#ifndef BOARD_H\n#define BOARD_H\n", *lines, "\n#endif\n"])
 
 
 def _kind(entry: ImageEntry) -> tuple[object, ...]:
@@ -133,10 +170,8 @@ def _texts(eds: str, od: ObjectDictionary, layout: ImageLayout) -> tuple[str, st
         _table("uint16_t sb_pdos[SB_N_PDOS]", [hex(w.communication + n - 1) for w in pdos for n in pdos[w]]),
     ]
     defines["DICTIONARY"] = f"0x{zlib.crc32(''.join(tables).encode()):08X}u"
-    source = f"/* Made from {Path(eds).name} by `skinbus board firmware`. */\n"
-    lines = [f"#ifndef SB_{name}\n#define SB_{name} {value}\n#endif" for name, value in defines.items()]
-    header = [f"{source}#ifndef BOARD_H\n#define BOARD_H\n", *lines, "\n#endif\n"]
-    return "\n".join(header), "\n".join([f'{source}#include "skin.h"\n', *tables])
+    source = _source(eds)
+    return _header(source, defines), "\n".join([f'{source}#include "skin.h"\n', *tables])
 
 
 def _services(

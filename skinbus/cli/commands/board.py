@@ -21,10 +21,10 @@ from skinbus.cli.options import Range, Where, bus_options, file_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_columns
 from skinbus.cli.progress import progress
-from skinbus.config.system import load_arm
+from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import ConfigError, EdsError, Fault
 from skinbus.file_bytes import read_bytes
-from skinbus.firmware import write_project
+from skinbus.firmware import write_project, write_relay
 from skinbus.gateway.positions import lay_flat
 from skinbus.master.commissioning.patch_check import (
     N_SYNCS,
@@ -39,6 +39,7 @@ from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import build_od, find_eds, load_eds, read_eds
 from skinbus.objects.eds_file import MAX_BYTES, decode_text
 from skinbus.objects.eds_lint import lint
+from skinbus.objects.guard import liveness_pdo
 from skinbus.objects.new_board import NewBoard, module_dcf
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
 
@@ -248,26 +249,57 @@ def lint_eds(eds: str) -> None:
 
 
 @command.command()
-@click.argument("eds")
+@click.argument("eds", required=False)
+@click.option(
+    "--relay", "arm", metavar="ARM", help="In place of a board: a relay that stops the robot of an arm."
+)
 @click.option(
     "--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder of the project."
 )
-def firmware(eds: str, out: Path) -> None:
+def firmware(eds: str | None, arm: str | None, out: Path) -> None:
     """Write the firmware of a board as a C99 project.
 
     What your hardware has to do is six functions, see ports/skeleton.c in it and docs/firmware.md. Files of
     the project that you have changed are replaced: keep your port under a name of its own.
 
+    With --relay the project is a node without tactels, for each bus of the arm: it opens an output when a
+    guarded patch says so, or nothing, see docs/firmware.md.
+
     \b
     Examples:
       skinbus board firmware my-board.eds --out my-board/
+      skinbus board firmware --relay my-arm.toml --out relay/
     """
+    if (eds is None) == (arm is None):
+        raise click.UsageError("wanted the EDS of a board, or --relay with an arm")
     if out.is_dir() and any(out.iterdir()) and not (out / "core/skin.h").exists():
         raise click.BadParameter(
             f"{out} holds other files; give a new folder, or one of a project written before"
         )
+    if eds is None:
+        _write_relays(str(arm), out)
+        return
     n_bytes, n_values = write_project(eds, out)
     echo(f"{out}: {n_values} values of {n_bytes} bytes; `make -C {out} socketcan` builds it for Linux")
+
+
+def _write_relays(name: str, out: Path) -> None:
+    """Write a stop relay for the guarded patches of each bus."""
+    from skinbus.guard.watch import SILENT
+
+    arm = load_arm(name)
+    if arm.guard is None:
+        raise click.BadParameter(f"{name} has no [guard]", param_hint="--relay")
+    silent_us = round(1e-3 * SILENT * arm.guard.liveness_ns)
+    pdos = [liveness_pdo(od) for od in ods_of(arm)]
+    for bus, settings in enumerate(arm.buses):
+        here = arm.patches_on(bus)
+        ids = [pdo.cob_id for pdo, has in zip(pdos[here], arm.guarded[here], strict=True) if has and pdo]
+        folder = out / settings.name if len(arm.buses) > 1 else out
+        if ids:
+            write_relay(name, ids, silent_us, folder)
+            open_ms = 1e-3 * silent_us
+            echo(f"{folder}: a relay for {counted(len(ids), 'patch')}, open after {open_ms:g} ms of silence")
 
 
 @command.command()

@@ -9,20 +9,6 @@
 #define RESTORE 0x1011
 #define MARKS 0x1020
 
-uint32_t sb_load(const uint8_t *data, unsigned n)
-{
-    uint32_t value = 0;
-    while (n--)
-        value = value << 8 | data[n];
-    return value;
-}
-
-void sb_store(uint8_t *data, uint32_t value, unsigned n)
-{
-    for (unsigned i = 0; i < n; i++, value >>= 8)
-        data[i] = (uint8_t)value;
-}
-
 /* Return the first run that does not end before a sub-index; of another object if there is none. */
 static const struct sb_run *place(uint16_t index, uint8_t sub)
 {

@@ -37,6 +37,7 @@ struct sb_run { /* consecutive sub-indices of one kind */
 extern const struct sb_run sb_runs[SB_N_RUNS];
 extern const uint8_t sb_defaults[SB_DEFAULTS]; /* of the image up to the texts that can be written, which have none */
 extern const int64_t sb_limits[SB_N_LIMITS][2]; /* lowest and highest value; of a text 0 and its most bytes */
+extern const uint16_t sb_guarded[]; /* of a stop relay: identifiers of the states of guards */
 extern const uint16_t sb_pdos[]; /* indices of their communication parameters, those of RPDOs first */
 
 /* --- Frames and the board layer ------------------------------------------------------------------- */
@@ -54,7 +55,7 @@ enum { SB_OLD = 1, SB_UNSETTLED = 2 }; /* nobody knows when it was sampled; the 
 
 struct sb_board;
 
-/* A port implements these six; its main loop calls sb_receive for each frame and then sb_poll. */
+/* A port implements these; its main loop calls sb_receive for each frame and then sb_poll. */
 bool can_send(struct sb_board *b, const struct sb_frame *frame, bool urgent); /* false: no room now; urgent
     frames have a mailbox of their own, or heartbeats and EMCY wait behind readings; so has SB_GFC, or it waits
     behind those */
@@ -64,6 +65,7 @@ uint8_t sample(struct sb_board *b, int16_t readings[SB_N_TACTELS], uint16_t *age
     returns SB_OLD, SB_UNSETTLED or 0; age: time from sampling to now */
 bool flash_read(struct sb_board *b, unsigned page, size_t at, uint8_t *data, size_t n);
 bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t data[8]); /* at 0: erases the page */
+void relay_output(struct sb_board *b, bool closed); /* of a stop relay only, which has no tactels and no flash */
 
 /* --- State ---------------------------------------------------------------------------------------- */
 
@@ -177,9 +179,21 @@ static inline uint64_t sb_earlier(uint64_t a, uint64_t b)
     return a < b ? a : b;
 }
 
+static inline uint32_t sb_load(const uint8_t *data, unsigned n)
+{
+    uint32_t value = 0;
+    while (n--)
+        value = value << 8 | data[n];
+    return value;
+}
+
+static inline void sb_store(uint8_t *data, uint32_t value, unsigned n)
+{
+    for (unsigned i = 0; i < n; i++, value >>= 8)
+        data[i] = (uint8_t)value;
+}
+
 /* object.c */
-uint32_t sb_load(const uint8_t *data, unsigned n);
-void sb_store(uint8_t *data, uint32_t value, unsigned n);
 const struct sb_run *sb_find(uint16_t index, uint8_t sub); /* NULL if there is none */
 uint8_t *sb_at(struct sb_board *b, uint16_t index, uint8_t sub);
 uint32_t sb_get(const struct sb_board *b, uint16_t index, uint8_t sub);

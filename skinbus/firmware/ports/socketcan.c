@@ -83,6 +83,16 @@ bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t dat
     return pwrite(file, data, 8, (off_t)(page * b->flash_bytes + at)) == 8 && fdatasync(file) == 0;
 }
 
+void relay_output(struct sb_board *b, bool closed)
+{
+    static int shown = -1;
+    (void)b;
+    if (shown != closed)
+        puts(closed ? "closed" : "open");
+    shown = closed;
+    fflush(stdout);
+}
+
 int main(int n, char **words)
 {
     if (n < 3) {

@@ -1,7 +1,8 @@
 /* A board with an STM32F072 (Cortex-M0, bxCAN): untried on hardware. 16 tactels and more through multiplexers.
  *
  * PA11, PA12: CAN, 1 Mbit/s from the internal 48 MHz oscillator, which is good enough for a short bus only if it is
- * trimmed: use a crystal for a product. PA0: the common output of the multiplexers; PB0 to PB5: their address.
+ * trimmed: use a crystal for a product. PA0: the common output of the multiplexers; PB0 to PB5: their address;
+ * PB7: the output of a stop relay, high while it is closed.
  * Register names and bits are those of the reference manual RM0091.
  */
 #include <string.h>
@@ -142,6 +143,12 @@ bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t dat
     return memcmp((const void *)(uintptr_t)to, data, 8) == 0;
 }
 
+void relay_output(struct sb_board *b, bool closed)
+{
+    (void)b;
+    GPIOB(0x18) = closed ? 1u << 7 : 1u << 23; /* BSRR */
+}
+
 static void start_hardware(void)
 {
     RCC(0x34) |= 1u << 16; /* CR2: HSI48ON, and all from it */
@@ -154,7 +161,7 @@ static void start_hardware(void)
     RCC(0x1C) |= 1u << 25 | 1u;         /* CAN, TIM2 */
     GPIOA(0x00) |= 0x02800003u;         /* PA0 analogue, PA11 and PA12 alternate function */
     GPIOA(0x24) |= 4u << 12 | 4u << 16; /* 4: CAN */
-    GPIOB(0x00) |= 0x555;               /* PB0 to PB5 outputs */
+    GPIOB(0x00) |= 0x4555;              /* PB0 to PB5 and PB7 outputs */
     TIM2(0x28) = 47;                    /* 48 MHz / 48 */
     TIM2(0x2C) = UINT32_MAX;
     TIM2(0x14) = 1;
