@@ -35,32 +35,6 @@ def test_what_is_written_before_and_read_after_a_calibration_does_not_change(arm
     assert path.read_text() == text
 
 
-@pytest.mark.parametrize("column", ["p1", "n1"])
-def test_a_reading_beyond_any_converter_is_a_fault_of_its_line(arm, tmp_path, column):
-    names = ["node_id", "s_mm", "a_mm", "force_n", *(f"{kind}{k + 1}" for kind in "pn" for k in range(16))]
-    values = ["1", "25", "0", "5", *["100"] * 16, *["1"] * 16]
-    values[names.index(column)] = "1e308"
-    path = tmp_path / "presses.csv"
-    path.write_text(",".join(names) + "\n" + ",".join(values) + "\n")
-    with pytest.raises(ConfigError, match=f"line 2, {column}: is '1e308'; wanted a number, at most"):
-        read_presses(arm, path)
-
-
-@pytest.mark.parametrize(
-    ("columns", "said"),
-    [
-        (["force_n", "force_n", "p1"], "is \"2 columns 'force_n'\"; wanted each column once"),
-        (["force_n", "p1", "x" * 200_000], "line 1: wanted a line of a table: field larger than"),
-    ],
-)
-def test_columns_that_are_there_twice_or_without_end_are_faults(arm, tmp_path, columns, said):
-    path = tmp_path / "presses.csv"
-    path.write_text(",".join(["node_id", "s_mm", "a_mm", *columns]) + "\n1,25,0,5,5,100\n")
-    with pytest.raises(ConfigError) as refused:
-        read_presses(arm, path)
-    assert said in str(refused.value)
-
-
 READ = ("node_id", "s_mm", "a_mm", "force_n", *(f"p{k + 1}" for k in range(16)))
 
 

@@ -57,6 +57,10 @@ board new --grid 4x2 --pitch-mm 10 --full-scale-kpa 500 --module notes.txt --out
 board new --grid 3x2 --pitch-mm 10 --full-scale-kpa 500 --module module.eds --out x.dcf  -> TPDOs
 scene check scene-bad.toml                              -> 3 faults | scene.duration_s | effect.nois | loss.
 doctor nosuch                                           -> nosuch: 1 fault
+doctor health pad --state none                          -> skinbus run --state
+doctor health pad --state sick                          -> damaged
+scan identify pad                                       -> --out
+scan identify link.csv                                  -> symbolic link
 doctor forearm --interface slcan --unit                 -> the unit is for SocketCAN
 view forearm --attach x --channel can0                  -> no bus is used
 view empty.log                                          -> a recording needs --arm
@@ -82,6 +86,10 @@ calibrate my.toml p8.csv --out x.dcf                    -> line 2, a_mm: is 'zer
 | line 5, p1: is '1O0'; wanted a number | line 6: is 'no reading'; wanted some of p1 to p16 \
 | line 7: is '7 values'; wanted 6 values, as in line 1 | line 10, force_n: is -1.0; wanted a positive number \
 | force_n: is 'empty in 1 of 4 presses'
+calibrate my.toml p9.csv --out x.dcf                    -> is "2 columns 'force_n'"; wanted each column once
+calibrate my.toml p10.csv --out x.dcf                   -> line 1: wanted a line of a table: field larger than
+calibrate my.toml p11.csv --out x.dcf                   -> line 2, p1: is '1e308'; wanted a number, at most
+calibrate my.toml p12.csv --out x.dcf                   -> line 2, n1: is '1e308'; wanted a number, at most
 calibrate locate my.toml p8.csv                         -> line 3, node_id
 calibrate locate pad p8.csv --write                     -> pad
 calibrate presses field.log --arm pad --poses poses.csv --out x.csv      -> line 3, s_mm: is 'x' | line 4:
@@ -145,6 +153,10 @@ PRESSES = [
     "node_id\ts_mm\ta_mm\tp1\n",
     "node_id,s_mm,a_mm,force_n,p1,p2\n1,10,zero,5,100,200\n9,10,0,5,100,200\n1,,0,1,100,200\n1,10,0,,1O0,200\n"
     "1,10,0,5,,\n1,10,0,5,1,2,3\n1,10,0,5,1,2\n1,10,0,,1,2\n1,10,0,-1,100,200\n",
+    "node_id,s_mm,a_mm,force_n,force_n,p1\n1,25,0,5,5,100\n",
+    "node_id,s_mm,a_mm,force_n,p1," + "x" * 200_000 + "\n1,25,0,5,5,100\n",
+    "node_id,s_mm,a_mm,force_n,p1,n1\n1,25,0,5,1e308,1\n",
+    "node_id,s_mm,a_mm,force_n,p1,n1\n1,25,0,5,100,1e308\n",
 ]
 
 
@@ -169,6 +181,7 @@ def here(tmp_path, monkeypatch, field):
         **{f"p{k}.csv": text for k, text in enumerate(PRESSES, 1)},
         "pauses.log": "\n".join([*pauses, ""]),
         "old.log": "old",
+        "sick.health": "skinbus-state 1 x 5\nabcde",
         **dict.fromkeys(("notes.txt", "x.health", "y.1"), "mine"),
         "empty.log": "",
         "empty.log.gz": "",

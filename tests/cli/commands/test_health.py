@@ -5,7 +5,7 @@ import pytest
 
 from skinbus.cli.state_keeper import health_file
 from skinbus.master.health import SETTLED
-from tests.cli.invoke import refused, run
+from tests.cli.invoke import run
 from tests.master.watched import Watched
 
 SEED = 20261204
@@ -50,13 +50,6 @@ def test_what_changed_is_named_with_what_to_do(tables, state):
     assert "node 1 tactels 1-3: noise 3 times that at commissioning" in said
     assert "node 1 tactel 8: zeros" in said
     assert "replace the board" in said
-
-
-def test_without_a_file_or_with_a_broken_one_the_answer_is_one_message(tables, state):
-    assert "skinbus run --state" in refused("doctor", "health", "pad", "--state", state)
-    health_file(state).save(tables["good"])
-    health_file(state).path.write_bytes(b"skinbus-state 1 x 5\nabcde")
-    assert "damaged" in refused("doctor", "health", "pad", "--state", state)
 
 
 def test_of_another_arm_nothing_is_known(tables, state):

@@ -33,12 +33,8 @@ def test_quit_writes_nothing(own_bus, file):
     assert file.read_text() == before
 
 
-def test_what_is_wrong_is_said_before_anything_is_pressed(own_bus, file):
-    assert "--out" in own_bus.run("scan", "identify", "pad", status=2)
+def test_a_bus_without_boards_is_said_before_anything_is_pressed(own_bus, file):
     assert "no node answers" in own_bus.run("scan", "identify", file, status=1)
-    link = file.with_name("link.toml")
-    link.symlink_to(file)
-    own_bus.run("scan", "identify", link, status=2)
 
 
 def test_boards_that_the_arm_file_does_not_have_are_named(own_bus, file):
