@@ -49,7 +49,7 @@ class GuardTable(Table):
     """``[guard]``: how patches compare, and what is assumed of the stop."""
 
     region: Annotated[list[RegionTable], Field(min_length=1)]
-    liveness_ms: Annotated[int, Field(ge=2, le=1000)] = 20
+    liveness_ms: Annotated[int, Field(ge=2, le=1000)] = 50
     """Two periods without it are a stop: a second is longer than anybody waits for one."""
     samples: Samples = Field(default=[1, 1])
     transient_ms: Time = 500.0

@@ -35,8 +35,9 @@ class GuardSettings:
     n: int = 1
     m: int = 1
     """A patch trips when n of its last m samples are beyond a limit."""
-    liveness_ns: int = 20_000_000
-    """From one "armed" of a patch to the next; two that are missing are a stop."""
+    liveness_ns: int = 50_000_000
+    """From one "armed" of a patch to the next; two that are missing are a stop. Those of 24 patches take
+    4 % of a bus at 1 Mbit/s."""
     transient_ns: int = 500_000_000
     """How long a contact may be beyond a limit times 1, but not times the transient factor."""
     reaction_ns: int = 0

@@ -85,7 +85,7 @@ def test_a_bus_without_limits_has_no_bound(tmp_path):
 def test_the_state_of_a_guard_is_part_of_the_traffic(tmp_path):
     (plan,) = plans(load_arm(guarded(tmp_path, "pad")), {"fit": 500_000}, level="fit")
     (state,) = [m for m in plan.traffic.messages if m.name.endswith("TPDO 9")]
-    assert (state.period_ns, state.bits, state.release) == (20_000_000, 75, Release.SPORADIC)
+    assert (state.period_ns, state.bits, state.release) == (50_000_000, 75, Release.SPORADIC)
     assert not plan.traffic.unpaced
 
 
