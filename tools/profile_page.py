@@ -47,6 +47,12 @@ Made from the EDS files by `python -m tools.profile_page`; a test holds it to th
   was taken for, 0 if it had none; 0x2070:02 has bit 0 set when nobody knows when it was sampled, bit 1
   while the converter has not settled, bit 2 while the error register is not 0; 0x2070:03 is the time from
   sampling to SYNC in 100 us, 0xFFFF for that or more. A board that samples by its own clock maps the age.
+* **Guard** in OPERATIONAL once 0x2081 holds limits (`skinbus/objects/guard.py` says its bytes; none after a
+  reset): compare each sample, one every 0x2080:04 us. A trip sends 0x001 without data before all else, from
+  a transmit buffer of its own, then EMCY 0xFF02 with tactel U8 (0: the sum) and its reading I32; once, until
+  "ackn" is written to 0x2080:03. 0x2080:01 has bit 0 set (armed) while the newest sample is at most three
+  periods old and all guarded tactels are healthy, bit 1 after a trip. TPDO 9 sends it by its timer, and at
+  once when it changes.
 * **Store** with the signature "save" (0x1010): sub-index 2 stores 0x1xxx, 3 stores 0x6xxx, 4 stores 0x2xxx,
   1 stores all. LSS stores the node-ID. Answer when it is stored; the master waits for `store_timeout_ms`
   (5 s). "load" (0x1011) restores the defaults with the next reset.

@@ -29,6 +29,7 @@ def test_their_device_fails_the_rules_that_it_does_not_keep(bench, tmp_path):
         "EMCY",
         "configuration mark",
         "pressed",  # nobody is asked
+        "guard",
         "LSS",
         "storage",
         "SDO segments",  # the last of an upload of eight bytes is not marked

@@ -26,8 +26,9 @@ from skinbus.node.sync import MAX_COUNTER
 from skinbus.objects import cia
 from skinbus.objects.board import describe_patch
 from skinbus.objects.cia import NmtCommand
+from skinbus.objects.guard import NO_LIMIT, GuardLimits, GuardState
 from skinbus.objects.pdo import PdoMap, carries_readings, readings_in, tpdos
-from skinbus.objects.profile import number_at
+from skinbus.objects.profile import GUARD_LIMITS, GUARD_PERIOD_US, GUARD_STATE, has, index_of, number_at
 
 BOOT_NS = 2_000 * NS_PER_MS
 """A board that has not booted after this has none of the loaders that are in use, which take 1 s at most."""
@@ -461,6 +462,24 @@ def _lss(patch: PatchCheck) -> Check:
     _need(not (yield from lss.inquire_node_ids()), "answers LSS inquire node-ID after it was let go")
 
 
+def _guard(patch: PatchCheck) -> Check:
+    """Limits that no reading can be above arm it; damaged ones are refused."""
+    if not has(patch.od, GUARD_LIMITS):
+        return
+    board, place = describe_patch(patch.od), index_of(patch.od, GUARD_LIMITS)
+    limits = np.where(np.broadcast_to(board.healthy, board.n_tactels), NO_LIMIT - 1, NO_LIMIT)
+    data = GuardLimits(1, 1, 2**31 - 1, limits, np.zeros(board.n_tactels, np.int64)).encode()
+    yield from _ask(Request(*place, data))
+    _need((yield from _ask(Request(*place))) == data, "the limits are read back as others")
+    period_us = yield from _number(*index_of(patch.od, GUARD_PERIOD_US))
+    yield from patch.command(NmtCommand.START, ANSWER_NS + 3000 * period_us)
+    state = yield from _number(*index_of(patch.od, GUARD_STATE))
+    _need(state == GuardState.ARMED, f"with limits its state is {state}; wanted {GuardState.ARMED:d}: armed")
+    reply: Reply = yield Request(*place, data[:-1] + bytes([data[-1] ^ 1]))
+    _need(reply.abort, "took limits with a wrong checksum")
+    yield from patch.reset()
+
+
 SCRIPTS: dict[str, Callable[[PatchCheck], Check]] = {
     "boot-up": _boots,
     "heartbeat": _heartbeat,
@@ -474,6 +493,7 @@ SCRIPTS: dict[str, Callable[[PatchCheck], Check]] = {
     "left-adjusted": _left_adjusted,
     "at rest": _rests_in_band,
     "pressed": _pressed,
+    "guard": _guard,
     "LSS": _lss,
 }
 """Of rules without a dialogue."""

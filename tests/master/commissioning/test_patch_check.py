@@ -32,8 +32,17 @@ class Board(Delayed):
         return [(out.t_ns, out)] if out is not None else []
 
 
+class Sampled(Device):
+    """A device whose guard has a sample in every step, and each millisecond."""
+
+    def step(self, now_ns, frames=()):
+        self.sampled(0)
+        step = super().step(now_ns, frames)
+        return step._replace(wake_ns=min(step.wake_ns, now_ns + NS_PER_MS)) if self.guards else step
+
+
 def device(eds="skin-patch"):
-    return Device(load_eds(eds, NODE), NODE, storage={})
+    return Sampled(load_eds(eds, NODE), NODE, storage={})
 
 
 def check(board, eds="skin-patch", n_syncs=50, ask=None):
@@ -58,6 +67,11 @@ def test_our_own_boards_pass_every_rule(eds):
     assert fails(findings) == set(), findings
     skipped = {name for name, finding in findings.items() if finding.grade is Grade.SKIPPED}
     assert skipped == {"pressed"}
+
+
+def test_guard_without_samples_is_found():
+    never = Device(load_eds("skin-patch", NODE), NODE, storage={})
+    assert fails(check(never)) == {"guard"}
 
 
 def test_stored_parameters_are_kept_unless_their_loss_is_accepted():
