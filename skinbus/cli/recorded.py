@@ -94,21 +94,21 @@ class Recorded(Replayed):
         """Return whether a patch of the arm sent readings, and say so if none did."""
         if self.replay.master.table.last_fresh.any():
             return True
-        others = ", ".join(sorted(self.recording.elsewhere))
+        others = ", ".join(sorted(self.elsewhere))
         also = f" It also holds {others}: see --channel." if others else ""
-        why = "no SYNC is in it." if self.recording.sync.bus is None else "is it the log of another arm?"
+        why = "no SYNC is in it." if self.sync.bus is None else "is it the log of another arm?"
         echo(f"no patch of {self.arm.name} answered a SYNC with readings: {why}{also}", err=True)
         return False
 
     def summary(self) -> Iterator[str]:
         """Return what became of frames and lines, and who was silent; what did not occur is left out."""
-        used, taken, reader = self.replay.master.gather.counters, self.replay.taken, self.recording.reader
+        used, taken, reader = self.replay.master.gather.counters, self.replay.taken, self.reader
         yield (
             f"readings: {counted(used.accepted, 'frame')} used, {used.late} late, {used.missing} missing, "
             f"{used.bad_length} of wrong length; {counted(taken.n_others, 'other frame')}"
         )
         kinds = [(taken.n_error, "error frame", ""), (taken.n_remote, "remote frame", "")]
-        kinds += [(n, "frame", f" of {name}") for name, n in sorted(self.recording.elsewhere.items())]
+        kinds += [(n, "frame", f" of {name}") for name, n in sorted(self.elsewhere.items())]
         if first := reader.first_strange:
             kinds.append((reader.n_strange, "line", f" without a frame, the first at {first.key}"))
         left_out = [counted(n, thing) + where for n, thing, where in kinds if n]

@@ -13,7 +13,7 @@ import numpy as np
 from skinbus.can.candump import CandumpReader
 from skinbus.can.event import Event
 from skinbus.can.frame import Frame
-from skinbus.config.system import load_arm, ods_of
+from skinbus.config.system import load_arm
 from skinbus.errors import AddressError, ConfigError, Fault
 from skinbus.estimate import DEFAULT_LEVEL
 from skinbus.master import CycleReport
@@ -74,7 +74,7 @@ def replay(
         yield from source
         if not source.replay.taken.n_readings:
             wanted = f"readings of {source.arm.name}: it has none"
-            raise ConfigError(source.recording.reader.name, [Fault("log", None, wanted)])
+            raise ConfigError(source.reader.name, [Fault("log", None, wanted)])
 
     return played(f"recording {log}", cycles(), source.maker, source.replay.master, realtime=realtime)
 
@@ -92,14 +92,30 @@ class Replayed:
         zero: bool,
         on_event: Callable[[Event], Any] = lambda event: None,
     ) -> None:
-        """Begin; the same errors as of a ``Recording``."""
-        self.recording = Recording(log, arm, channels)
-        self.arm = self.recording.arm
+        """Read the head of a log; ``channels`` are interfaces in it, by bus or as NAME=CHANNEL.
+
+        Raises:
+            ConfigError: the log cannot be read, holds no frame, or its times are none.
+            AddressError: which interface is which bus cannot be decided.
+        """
+        self.reader = CandumpReader(log)
+        self._lines = iter(self.reader)
+        self._head = list(islice(self._lines, HEAD))
+        _check_times(self.reader.name, self._head)
+        self._buses = _buses_of(arm, channels, Counter(name for _, name in self._head), self.reader.name)
+        self.sync = find_sync(
+            frame._replace(bus=self._buses[name]) for frame, name in self._head if name in self._buses
+        )
+        """What its cycles begin with."""
+        self.arm = _at_rate(arm, self.sync.rate_hz)
+        """The arm at the rate of the recording."""
+        self.elsewhere: Counter[str] = Counter()
+        """Frames of other interfaces so far, by name; they are left out."""
         self.maker = CycleMaker(self.arm)
         self._new = deque[Any]()
         self.replay = Replay(
             self.arm,
-            sync_bus=self.recording.sync.bus,
+            sync_bus=self.sync.bus,
             on_cycle=self._take,
             on_event=on_event,
             level=level,
@@ -107,8 +123,12 @@ class Replayed:
         )
 
     def __iter__(self) -> Iterator[Any]:
-        for frame in self.recording:
-            self.replay.take(frame)
+        for frame, name in chain(self._head, self._lines):
+            bus = self._buses.get(name)
+            if bus is None:
+                self.elsewhere[name] += 1
+                continue
+            self.replay.take(frame._replace(bus=bus) if bus else frame)
             while self._new:
                 yield self._new.popleft()
         self.replay.end()
@@ -120,42 +140,6 @@ class Replayed:
 
     def _take(self, report: CycleReport) -> None:
         self._new.append(self.made(self.maker.make(self.replay.master, report), report))
-
-
-class Recording:
-    """The frames of a log that are of an arm, each with the number of its bus; to be gone through once."""
-
-    def __init__(self, log: str | Path | TextIO, arm: Arm, channels: Sequence[str] = ()) -> None:
-        """Read the head of a log; ``channels`` are interfaces in it, by bus or as NAME=CHANNEL.
-
-        Raises:
-            ConfigError: the log cannot be read, holds no frame, or its times are none.
-            AddressError: which interface is which bus cannot be decided.
-        """
-        self.reader = CandumpReader(log)
-        self._lines = iter(self.reader)
-        self._head = list(islice(self._lines, HEAD))
-        _check_times(self.reader.name, self._head)
-        self.buses = _buses_of(arm, channels, Counter(name for _, name in self._head), self.reader.name)
-        """Bus of the arm that each interface in the log is, by its name."""
-        self.ods = ods_of(arm)
-        """Object dictionaries of the patches."""
-        self.sync = find_sync(
-            frame._replace(bus=self.buses[name]) for frame, name in self._head if name in self.buses
-        )
-        """What its cycles begin with."""
-        self.arm = _at_rate(arm, self.sync.rate_hz)
-        """The arm at the rate of the recording."""
-        self.elsewhere: Counter[str] = Counter()
-        """Frames of other interfaces so far, by name; they are left out."""
-
-    def __iter__(self) -> Iterator[Frame]:
-        for frame, name in chain(self._head, self._lines):
-            bus = self.buses.get(name)
-            if bus is None:
-                self.elsewhere[name] += 1
-            else:
-                yield frame._replace(bus=bus) if bus else frame
 
 
 def _check_times(name: str, head: Sequence[tuple[Frame, str]]) -> None:

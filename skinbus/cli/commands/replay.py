@@ -104,7 +104,7 @@ def command(
     rate_hz, said = recorded.arm.bus.rate_hz, ""
     if rate_hz != loaded.bus.rate_hz:
         said = f" (the arm file says {loaded.bus.rate_hz:g})"
-    no_sync = ", without SYNC" if recorded.recording.sync.bus is None else ""
+    no_sync = ", without SYNC" if recorded.sync.bus is None else ""
     seconds = f"{recorded.now_s:.3f} s; {counted(n_cycles, 'cycle')}"
     echo(f"{log}: {seconds} at {rate_hz:.4g} Hz{no_sync}{said}, level {level}")
     if lives:
