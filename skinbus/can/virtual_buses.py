@@ -29,11 +29,11 @@ class VirtualBuses:
         """Put a core on all wires, on the first as its bus 0 and so on; the answer is its ports."""
         if len(self.wires) == 1:  # frames that the core waits for come together
             return [self.wires[0].attach(core, on_event=on_event)]
-        waker = _Waker(core)
-        plugs = [_Plug(waker, k) for k in range(len(self.wires))]
-        ports = [wire.attach(plug, on_event=on_event) for wire, plug in zip(self.wires, plugs, strict=True)]
-        waker.ports = list(zip(self.wires, ports, strict=True))
-        waker.port = self.wires[0].attach(waker, on_event=on_event)
+        plugs: list[tuple[VirtualBus, Port]] = []
+        for k, wire in enumerate(self.wires):
+            plugs.append((wire, wire.attach(_Plug(core, plugs, k), on_event=on_event)))
+        ports = [port for _, port in plugs]
+        plugs.append((self.wires[0], self.wires[0].attach(_Plug(core, plugs, None), on_event=on_event)))
         return ports
 
     def run(self, until_ns: int) -> None:
@@ -44,56 +44,37 @@ class VirtualBuses:
             wire.run(until_ns)
 
 
-class _Waker(Core):
-    """Steps a core; woken on the first wire, also when none of the core's own ports is attached."""
-
-    def __init__(self, core: Core) -> None:
-        self.core = core
-        self.ports: list[tuple[VirtualBus, Port]] = []
-        self.port: Port | None = None
-
-    def step(self, now_ns: int, frames: Frames) -> Step:
-        """Step the core when it is time."""
-        events, wake_ns = self.pass_on(now_ns, ())
-        return Step((), events, wake_ns)
-
-    def pass_on(self, now_ns: int, frames: Frames) -> tuple[Sequence[Event], int]:
-        """Step the core and queue what it sends; return its events and when it is to be woken."""
-        step = self.core.step(now_ns, frames)
-        for k, (wire, port) in enumerate(self.ports):
-            own = [frame for frame in step.frames if frame.bus == k]
-            wire.submit(port, now_ns, own)
-        return step.events, step.wake_ns
-
-
 class _Plug(Core):
-    """A core as a port of one of its wires."""
+    """A core as a port of one of its wires; without a number what wakes it, also when no port is attached."""
 
-    def __init__(self, waker: _Waker, number: int) -> None:
-        self._waker = waker
-        self._number = number
-        self._has_data = False
+    def __init__(self, core: Core, plugs: list[tuple[VirtualBus, Port]], number: int | None) -> None:
+        self._core, self._plugs, self._number = core, plugs, number
+        self._has_data = number is None
 
     def cob_ids_on(self, bus: int) -> CobIds | None:
         """Identifiers that the core receives."""
-        return self._waker.core.cob_ids_on(self._number)
+        return frozenset() if self._number is None else self._core.cob_ids_on(self._number)
 
     def data_ids_on(self, bus: int) -> CobIds:
         """Identifiers of the core's data plane."""
-        return self._waker.core.data_ids_on(self._number)
+        return frozenset() if self._number is None else self._core.data_ids_on(self._number)
 
     def take(self, now_ns: int, batch: FrameBatch) -> None:
         """Pass data frames of this wire on."""
         batch.frames["bus"][: batch.n] = self._number
-        self._waker.core.take(now_ns, batch)
+        self._core.take(now_ns, batch)
         self._has_data = True
 
     def step(self, now_ns: int, frames: Frames) -> Step:
-        """Step the core with the frames of this wire."""
-        if not (frames or self._has_data) or self._waker.port is None:
+        """Step the core with the frames of this wire, and queue what it sends."""
+        if not (frames or self._has_data):
             return Step((), (), NEVER)
-        self._has_data = False
-        frames = [frame._replace(bus=self._number) for frame in frames]
-        events, wake_ns = self._waker.pass_on(now_ns, frames)
-        self._waker.ports[0][0].wake(self._waker.port, wake_ns)
-        return Step((), events, NEVER)
+        self._has_data = self._number is None
+        step = self._core.step(now_ns, [frame._replace(bus=self._number or 0) for frame in frames])
+        *ports, (first, waker) = self._plugs
+        for k, (wire, port) in enumerate(ports):
+            wire.submit(port, now_ns, [frame for frame in step.frames if frame.bus == k])
+        if self._number is None:
+            return Step((), step.events, step.wake_ns)
+        first.wake(waker, step.wake_ns)
+        return Step((), step.events, NEVER)

@@ -21,8 +21,6 @@ from skinbus.model.mesh_surface import MeshSurface
 from skinbus.model.surface import places_on
 from skinbus.robot.chain import load_chain
 
-FRAMES = ("link", "base", "tool")
-"""Frames of the output, in the order of its arrays."""
 _STEP = 1e-5
 """m, of differences on a surface: on a radius of 40 mm they err by 1e-8 of themselves."""
 _AROUND = _STEP * np.array([[0.0, 1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, -1.0]])[:, :, None]
@@ -34,7 +32,7 @@ LARGEST = float(np.finfo(np.float32).max)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RobotContacts:
-    """The contacts of one cycle on the robot; frames are those of :data:`FRAMES`.
+    """The contacts of one cycle on the robot; frames are link, base and tool.
 
     A contact pushes with ``-force * normal``: tactels measure no shear.
 
@@ -59,17 +57,14 @@ class RobotContacts:
     torques: Floats
     base_wrench: Floats
 
-    def force_vector(self, frame: str = "base") -> Floats:
-        """Return the force of each contact on the skin in a frame, (n, 3) N."""
-        return -self.force[:, None] * self.normal[:, FRAMES.index(frame)]
-
     def records(self) -> npt.NDArray[np.float32]:
         """Return the REAL32 members of contact records that are of the robot, (n, 24).
 
         In the base point, normal, force, covariance (xx xy xz yy yz zz); in the tool point, normal, force.
         """
         covariance = self.covariance[:, 1][:, *_UPPER]
-        base, tool = ([self.point[:, k], self.normal[:, k], self.force_vector(FRAMES[k])] for k in (1, 2))
+        push = -self.force[:, None, None] * self.normal
+        base, tool = ([self.point[:, k], self.normal[:, k], push[:, k]] for k in (1, 2))
         return to_single(np.concatenate([*base, covariance, *tool], axis=1))
 
 
