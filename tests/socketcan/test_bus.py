@@ -8,6 +8,7 @@ import can
 import pytest
 
 from skinbus.bus.socketcan import SocketCanBus
+from skinbus.bus.socketcan_batch import to_frames
 from skinbus.can.event import EventKind
 from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, Frame
 from skinbus.errors import BusError
@@ -41,9 +42,9 @@ def receive_until_last(bus):
     while LAST.can_id not in [frame.can_id for frame in control]:
         assert time.monotonic() < give_up_s
         control += bus.receive(0.1)
-        data += bus.batch
+        data += to_frames(bus.batch)
     control += bus.receive()  # the planes are read one after the other
-    data += bus.batch
+    data += to_frames(bus.batch)
     return control, data
 
 
@@ -114,7 +115,7 @@ def test_bursts_of_any_length_arrive_whole_and_in_order(channel, n):
         heard, give_up_s = [], time.monotonic() + PATIENCE_S
         while len(heard) < n and time.monotonic() < give_up_s:
             assert receiver.receive(1.0) == []
-            heard += receiver.batch
+            heard += to_frames(receiver.batch)
         assert without_time(heard) == frames
         assert receiver.n_dropped == 0
 
