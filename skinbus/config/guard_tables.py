@@ -76,9 +76,12 @@ def check_regions(table: GuardTable, links: list[Any], node_ids: Sequence[int], 
 
 def guard_settings(table: GuardTable, arm: Arm, faults: FaultList) -> GuardSettings:
     """Return what the tables say of the guard of an arm; add a fault of each limit that never trips."""
-    boards = [(p.patch.transducer, math.prod(p.patch.size) / p.patch.n_tactels) for p in arm.patches]
-    top, step, area = np.array([(t.clipped_counts, t.step, a) for t, a in boards])[arm.tactel_patch].T
-    full, regions = (top - arm.tactel_offset) * step * arm.tactel_gain, []
+    boards = [
+        (p.patch.transducer.full_scale, math.prod(p.patch.size) / p.patch.n_tactels) for p in arm.patches
+    ]
+    full, area = np.array(boards)[arm.tactel_patch].T
+    full = full * arm.tactel_gain
+    regions = []
     for key, region in table.regions:
         found = GuardRegion(
             name=region.name,

@@ -230,10 +230,8 @@ class Arm:
 
     def part(self, bus: int) -> Arm:
         """Return the arm as far as it is on one bus, as an arm with one bus."""
-        here = self.patches_on(bus)
-        patches = [replace(placed, bus=0) for placed in self.patches[here]]
-        tactels = slice(*self.patch_start[[here.start, here.stop]].tolist())
-        guard = self.guard and self.guard.part(tactels)
+        patches = [replace(placed, bus=0) for placed in self.patches[self.patches_on(bus)]]
+        guard = self.guard and self.guard.part(self.patch_bus[self.tactel_patch] == bus)
         return Arm(self.name, self.links, patches, self.buses[bus], guard=guard)
 
     def tactels_of(self, patch: int) -> slice:

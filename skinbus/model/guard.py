@@ -50,7 +50,7 @@ class GuardSettings:
         """(n_tactels,) which are in a region."""
         return np.asarray(np.any([region.tactels for region in self.regions], axis=0))
 
-    def part(self, tactels: slice) -> GuardSettings:
+    def part(self, tactels: Bools) -> GuardSettings:
         """Return the guard of some of the tactels."""
         regions = tuple(replace(region, tactels=region.tactels[tactels]) for region in self.regions)
         return replace(self, regions=regions)

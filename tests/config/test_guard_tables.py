@@ -157,13 +157,13 @@ def test_a_guard_without_regions_is_refused(tmp_path):
 
 
 def test_limits_that_no_reading_exceeds_are_refused(tmp_path):
-    """The usual board states 250 kPa, less half a step of a converter, on 25 cm2."""
+    """The usual board states 250 kPa on 25 cm2."""
     text = region("low", "patches = [2]\npressure_kpa = 124\ntransient_factor = 2\nforce_n = 312")
     assert load(tmp_path, text).guard
     text = region("high", "pressure_kpa = 126\ntransient_factor = 2\npatches = [2]\nforce_n = 313")
     assert faults(tmp_path, text) == [
-        "guard.region[1].force_n: is 313.0; wanted at most 312.28, what every patch in it can state",
-        "guard.region[1].pressure_kpa: is 126.0; wanted at most 124.91, what every patch in it can state",
+        "guard.region[1].force_n: is 313.0; wanted at most 312.5, what every patch in it can state",
+        "guard.region[1].pressure_kpa: is 126.0; wanted at most 125, what every patch in it can state",
     ]
 
 
