@@ -9,17 +9,15 @@ other tactel, clipped to its board and half of the seam to the next one. The int
 that its board feels within REACH, by the law k of the board.
 
 Standard deviation: noise, zeros and creep of the tactels that are summed, what the zeros of a board have in
-common, and the error of the sum itself, a share of the force of each press::
+common, and the error of the sum itself, of each board a share of its force::
 
-    share^2 = SPREAD^2 + (c u)^2 + (H / F)^2 / 3
+    share^2 = SPREAD^2 + u^2 c^3 + (H / F)^2 / 3
     c = sum_j F_j^2 / (sum_j F_j)^2,    u = max_j cell_j / min_j cell_j - 1
 
-1 / c is the number of touched tactels that carry the press and u how uneven the cells of their board are: a
-sum over few tactels depends on where between them the press is. H is the force that reaches the threshold of
-a tactel from the farthest place of its cell: so much may press a gap and show little. u and H are means
-weighted by F_j^2. On 4 x 4 tactels, 10 mm apart on boards of 50 mm, the deviation is about 60 % for a tip of
-2 mm, 25 % for a thumb and 7 % for a palm; on 8 x 8 it is 8 %, 3 % and 2 %. A tactel that is missing counts as
-the mean of its neighbours, with that mean as its deviation.
+1 / c is the number of touched tactels that carry the force and u how uneven the cells of the board are: a sum
+over few tactels depends on where between them the press is. H is the force that reaches the threshold of a
+tactel from the farthest place of its cell, the mean over the board: so much may press a gap and show little.
+A tactel that is missing counts as the mean of its neighbours, with that mean as its deviation.
 
 Limits: pressures below every threshold are no load; a narrow press in a gap that tactels barely feel is
 underestimated, beyond the deviation if its force is large; what hangs over the rim of the skin is not felt.
@@ -33,7 +31,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from skinbus.arrays import Bools, Floats
@@ -114,18 +111,20 @@ class LoadMeter:
         check_arm(arm)
         self.arm, n = arm, arm.n_tactels
         self._variance, self._limit = arm.tactel_noise**2 + step_of(arm) ** 2 / 12.0, limit_of(arm)
-        self._cell, self._uneven, self._hidden, self.areas = np.zeros((4, n))
+        self._cell, self.areas = np.zeros((2, n))
         """The last, m^2, is by what a pressure is multiplied."""
-        self._near, self._next = np.zeros((2, n, n), np.bool_)
+        self._uneven, self._hidden = np.zeros((2, arm.n_patches))
         d = np.linspace(0.0, REACH, 200)
         for p, placed in enumerate(arm.patches):
             law, least, here = placed.patch.law, placed.patch.threshold, arm.tactels_of(p)
             cell, far = _cells(arm, p)
+            self._cell[here] = cell
             share = float(np.trapezoid(2.0 * np.pi * d * law.pressure(d, USUAL_N), d)) / USUAL_N
             felt = law.pressure(far, USUAL_N) / USUAL_N
-            self._cell[here], self._uneven[here] = cell, cell.max() / cell.min() - 1.0
-            self._hidden[here] = least / np.maximum(felt, least / HIDDEN_MOST)
+            self._uneven[p] = cell.max() / cell.min() - 1.0
+            self._hidden[p] = np.mean(least / np.maximum(felt, least / HIDDEN_MOST))
             self.areas[here] = cell / (share if share > 0.0 else 1.0)
+        self._near, self._next = np.zeros((2, n, n), np.bool_)
         for k, link in enumerate(arm.links):
             (i,) = np.nonzero(arm.tactel_link == k)
             s, a, side = arm.tactel_s[i], arm.tactel_a[i], np.sqrt(self._cell[i])
@@ -164,10 +163,9 @@ class LoadMeter:
 
     def _sum(self, pressures: Floats, touched: Bools, read: Bools, baseline: Baseline | None) -> Loads:
         arm, n, m = self.arm, self.arm.n_patches, len(self.arm.links)
-        patch, link, of_link = arm.tactel_patch, arm.tactel_link, arm.patch_link
-        counts = self._near[touched].any(axis=0)
-        value, variance, limit = np.where(read, pressures, 0.0), self._variance, self._limit
-        common, creep = np.zeros(n), np.zeros(arm.n_tactels)
+        patch, link = arm.tactel_patch, arm.tactel_link
+        counts, value = self._near[touched].any(axis=0), np.where(read, pressures, 0.0)
+        variance, limit, common, creep = self._variance, self._limit, np.zeros(n), np.zeros(arm.n_tactels)
         if baseline is not None:
             felt = baseline.felt
             variance = np.maximum(variance, felt.variance + felt.doubt)
@@ -181,48 +179,34 @@ class LoadMeter:
 
         area, pressed = np.where(counts, self.areas, 0.0), self._cell * touched
         force, noise = area * value, area * area * variance
-        # boards that one press may reach
-        together, (one, other) = np.zeros((n, n), np.bool_), np.nonzero(self._near[touched])
-        together[patch[touched][one], patch[other]] = True
-        press = connected_components(together, directed=False)[1]
-        link_of = np.zeros(n, np.intp)
-        link_of[press] = of_link
-
-        of_patch, total = _sums(patch, force, n), _sums(link, force, m)
-        carried2, force2 = (force * touched) ** 2, _sums(press, of_patch, n) ** 2 + 1e-24
-        uneven, hidden, all2 = (
-            _sums(press[patch], carried2 * x, n) for x in (self._uneven, self._hidden, 1.0)
+        of_patch, of_link = _sums(patch, force, n), _sums(link, force, m)
+        c = _sums(patch, (force * touched) ** 2, n) / (of_patch**2 + 1e-24)
+        error = of_patch**2 * (SPREAD**2 + self._uneven**2 * c**3) + (c > 0.0) * self._hidden**2 / 3.0
+        own = (
+            _sums(patch, noise, n) + _sums(patch, area * creep, n) ** 2 + common * _sums(patch, area, n) ** 2
         )
-        share2 = SPREAD**2 + (uneven / force2) ** 2 + (hidden / (all2 + 1e-24)) ** 2 / (3.0 * force2)
-        own = _sums(patch, noise, n) + _sums(patch, area * creep, n) ** 2
-        own += common * _sums(patch, area, n) ** 2
-        by_press = _sums(link_of, share2 * force2, m)
-        variance_of_link = _sums(of_link, own, m) + by_press
+        error_of_link, variance_of_link = (_sums(arm.patch_link, x, m) for x in (error, own + error))
         s, a, place_sd = np.zeros((3, m))
-        for k in np.flatnonzero(total > 0.0).tolist():
+        for k in np.flatnonzero(of_link > 0.0).tolist():
             (i,) = np.nonzero(counts & (link == k))
-            top, weight, wrap = i[force[i].argmax()], force[i] / total[k], arm.links[k].surface.wrap
+            top, weight, wrap = i[force[i].argmax()], force[i] / of_link[k], arm.links[k].surface.wrap
             x, y = arm.tactel_s[i] - arm.tactel_s[top], wrap(arm.tactel_a[i] - arm.tactel_a[top])
             s[k], a[k] = arm.tactel_s[top] + weight @ x, wrap(arm.tactel_a[top] + weight @ y)
             away2 = (x - weight @ x) ** 2 + (y - weight @ y) ** 2
             spread2 = 0.25 * self._cell[top] + max(weight @ away2, 0.0)
-            place_sd[k] = math.sqrt(0.5 * noise[i] @ away2 + by_press[k] * spread2) / total[k]
+            place_sd[k] = math.sqrt(0.5 * noise[i] @ away2 + error_of_link[k] * spread2) / of_link[k]
         border = (self._next[touched] & ~touched).any(axis=1)
         return Loads(
-            patches=LoadRows(
-                force=of_patch,
-                force_sd=np.sqrt(own + share2[press] * of_patch**2),
-                area=_sums(patch, pressed, n),
-            ),
+            patches=LoadRows(force=of_patch, force_sd=np.sqrt(own + error), area=_sums(patch, pressed, n)),
             links=LinkLoads(
-                force=total,
+                force=of_link,
                 force_sd=np.sqrt(variance_of_link),
                 area=_sums(link, pressed, m),
                 s=s,
                 a=a,
                 place_sd=place_sd,
             ),
-            force=float(total.sum()),
+            force=float(of_link.sum()),
             force_sd=math.sqrt(variance_of_link.sum()),
             area=float(pressed.sum()),
             area_sd=math.sqrt(BORDER * (border * self._cell[touched] ** 2).sum()),
@@ -257,16 +241,15 @@ def _cells(arm: Arm, p: int) -> tuple[Floats, Floats]:
     sides = np.ceil((sizes[p] + SEAM_MOST) / (2.0 * step))
     uv = np.stack(np.meshgrid(*(step * (np.arange(-n, n) + 0.5) for n in sides)), -1).reshape(-1, 2)
     s, a = arm.on_link(p, uv)
-
-    def off(q: int, uv: Floats) -> Floats:
-        """Return how far places (n, 2) m are off a board along the farther axis, (n,) m."""
-        return np.asarray(np.maximum(np.abs(uv) - 0.5 * sizes[q], 0.0).max(axis=-1))
-
-    own, other = off(p, uv), np.full(len(uv), np.inf)
     away = arm.links[placed.link].surface.distance(placed.s, placed.a, arm.patch_s, arm.patch_a)
-    for q in np.flatnonzero((arm.patch_link == placed.link) & (away <= reach)).tolist():
-        if q != p:
-            other = np.minimum(other, off(q, arm.on_board(q, s, a)))
+    beside = np.flatnonzero((arm.patch_link == placed.link) & (away <= reach))
+    # how far places are off boards along the farther axis
+    off = {
+        q: np.maximum(np.abs(arm.on_board(q, s, a)) - 0.5 * sizes[q], 0.0).max(axis=1)
+        for q in beside.tolist()
+    }
+    own = off.pop(p)
+    other = np.min([np.full(len(uv), np.inf), *off.values()], axis=0)
     # of a seam a board has the nearer half, to the fraction of a step
     seam = np.clip(0.5 + 0.5 * (other - own) / step, 0.0, 1.0) * (own + other <= SEAM_MOST)
     d, nearest = cKDTree(patch.tactels_uv).query(uv)

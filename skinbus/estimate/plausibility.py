@@ -2,21 +2,21 @@
 
 Rail:      at the lower end of the converter, and missing at once; alone at a pressure of which the law of the
            board, for a narrow contact anywhere around, gives its neighbours more than they read, and missing
-           at once; or at full scale with its whole board, of which half was not near it before: the board is
-           withheld at once. What came to full scale
-           alone is missing until it leaves it, whatever touches beside it
+           at once; or at full scale with its whole board, of which most was far from it in the reading
+           before: the board is withheld at once. What came to full scale alone is missing until it leaves it,
+           whatever touches beside it
 Frozen:    not a bit changes, for a time in which it would have changed at the rate it did while free, if
            its noise is more than about half a step of its converter
-Dead:      reads less than a tenth of the least that it should have felt in two touches in a row, in two
-           places: every contact that explains its neighbours by the law of the board would press it. In each
-           cycle of a touch one of the silent tactels is looked at
+Dead:      reads less than a tenth of the least that it should have felt in two touches, in two places, and
+           nothing in between: every contact that explains its neighbours by the law of the board would press
+           it. In each cycle two of the silent tactels beside a touch are looked at
 Jumping:   it begins to read alone what no contact explains, some five times in five seconds
 Band:      below its zero band, or its zero has left it (``Baseline``)
 
 Readings that come again bit by bit, although the noise of the tactel shows in others, are not those of a new
-sample. As soon as that is too unlikely to be chance, of tactels that follow each other together, they are
-missing; where they are all of the board, it is withheld (``is_withheld``), every time. Such runs teach no
-rate of change.
+sample. As soon as that is too unlikely to be chance, of tactels that follow each other together (those of a
+PDO come again together), they are missing; where they are all of the board, it is withheld (``is_withheld``),
+every time. They teach no rate of change.
 
 Two contacts may look like one to the neighbours of a tactel, so one touch that it has not felt proves
 nothing, however often it comes; any reading of a pressure proves that it lives. A tactel comes back when it
@@ -32,7 +32,8 @@ from __future__ import annotations
 
 import math
 from enum import IntFlag
-from typing import Any, NamedTuple
+from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -40,31 +41,26 @@ from scipy.special import erf
 
 from skinbus.arrays import Bools, Bytes, Floats, Ints
 from skinbus.estimate.baseline import Baseline
-from skinbus.estimate.columns import record
 from skinbus.estimate.kernels.layout import limit_of, step_of
-from skinbus.jit import inner_kernel, kernel
 from skinbus.model import Arm, Law
 from skinbus.model.validation import check_arm, check_time
-
-Singles = npt.NDArray[np.float32]
-Rows = npt.NDArray[Any]
-
-BAND, RAIL, FROZEN, DEAD, JUMPING = 1, 2, 4, 8, 16
-JUDGED = RAIL | FROZEN | DEAD | JUMPING
-"""What is found here; of its band the baseline knows."""
 
 
 class TactelFault(IntFlag):
     """What is wrong with a tactel."""
 
-    BAND = BAND
+    BAND = 1
     """Reads below its zero band, or its zero has left the band."""
-    RAIL = RAIL
+    RAIL = 2
     """At the lower end of the converter, or alone at a pressure that no contact explains."""
-    FROZEN = FROZEN
-    DEAD = DEAD
-    JUMPING = JUMPING
+    FROZEN = 4
+    DEAD = 8
+    JUMPING = 16
 
+
+BAND, RAIL, FROZEN, DEAD, JUMPING = map(int, TactelFault)
+JUDGED = RAIL | FROZEN | DEAD | JUMPING
+"""What is found here; of its band the baseline knows."""
 
 RETURN_S = 1.0
 """A tactel that has been plausible for so long is used again, s."""
@@ -76,10 +72,8 @@ RAIL_S, RAIL_READINGS = 0.2, 5
 """At a rail for so long, and so many readings: within half a second at 10 Hz and more, and no bit error."""
 LEAST_FULL = 4
 """Tactels of a board that all of them are: one contact may saturate fewer."""
-CRUSHED = 0.5
-"""Of full scale: a supply that fails comes from below it at once."""
-JUMP_SHARE = 0.5
-"""Of full scale: what comes there by more, and alone, is stuck."""
+LEAP = 0.5
+"""Of full scale: what comes there by more at once, and alone, is stuck; or the supply of the board fails."""
 JUMPS, JUMPS_S = 4.0, 5.0
 """So many within so long, s: a bit error now and then is not a fault of the tactel."""
 JUMP_SIGMAS = 12.0
@@ -119,77 +113,30 @@ PLACES, SPAN = 17, 1.75
 """Places of a contact that are tried along each axis, and how far they reach, in pitches. Any contact that is
 felt beside a tactel, but not by it, is among them, and a reading changes by no more than the law's error from
 one to the next."""
-IN_LINE = 0.25
-"""Pitches off a line by which a tactel is in it."""
-STEP = 2.0 * SPAN / (PLACES - 1)
+CENTRE = PLACES**2 // 2
+"""The place in the middle: a narrow contact there gives neighbours the least."""
 LIGHT_N = 1.0
 """Force by whose law a reading is judged beside others, N."""
 WIDTH = 0.92
 """Of the narrowest contact, a tip of 2 mm, part of that of the law."""
-CLEAR = 5.0
-"""Standard deviations of noise: a prediction below proves nothing by its absence."""
 LIKELY, MISFIT, TOLERANCE = 6.0, 1.0, 0.1
 """chi^2 within which another place explains the neighbours too; chi^2 of each neighbour beyond which none
 does; the law's error, part of the peak."""
-EVIDENT_TOUCHES, ELSEWHERE = 2, 0.35
-"""Touches in a row that a dead tactel should have felt, and pitches from the first: that may be two contacts
+LEAST_NEAR = 4
+"""Neighbours that a contact is found by: it has three unknowns."""
+ELSEWHERE = 0.5
+"""Pitches from the first touch that a dead tactel should have felt to the second: that may be two contacts
 that look like one, and press the same place again and again."""
 DEAD_SHARE, SURE = 0.1, 2.0
 """A dead tactel reads less than this part of the least it should have, by so many standard deviations: beside
 a tip of 2 mm, for which the law is too wide, a healthy one may read a tenth."""
-FEELS = 6.0
+FEELS = 5.0
 """Standard deviations from which a tactel feels something, and half of its threshold: it is not dead."""
-
-TACTEL = record(
-    {
-        "f8": "high low sigma touch quiet value change felt cycles changes jumps good_s due shown",
-        "i8": "first last still rail_n lone_n touches first_cell",
-        "b1": "healthy is_old was_old evident",
-        "u1": "fault",
-    }
-)
-"""high, low    Pa, full scale and the lower end
-sigma, touch Pa, noise with the rounding of the counts; threshold
-first, last  range of its neighbours
-quiet        log of the largest chance of a reading to come again, by the declared noise
-value        Pa, the newest reading; its change since the one before; what is felt of it, less the zero
-still        readings in a row without change; is_old: too unlikely to be new; was_old: some of this run was
-cycles, changes while free
-rail_n, lone_n readings in a row at a rail or alone; alone
-jumps        times that it began to be alone, of late
-good_s       since it was implausible last
-evident      it should have felt something in this touch; touches: in a row of which it felt nothing
-due, shown   sums in noise: of the square of what it should have read at least; times what it read
-first_cell   place of the first touch that it should have felt
-"""
-BOARD = record(
-    {
-        "i8": "start stop own_row turn n_faulty",
-        "f8": "quiet_s",
-        "b1": "is_full is_crushed is_repeated is_withheld",
-    }
-)
-"""start, stop  range of its tactels
-own_row      row of ``law`` of a tactel itself
-turn         the tactel that was looked at last
-quiet_s      since the board was touched
-is_full      all readings are at full scale, and came there at once; is_crushed: half were near it before
-is_repeated  its readings are too unlikely to be new; is_withheld: that, or full
-"""
-BESIDE = record({"i8": "tactel row line", "b1": "is_next"})
-"""A neighbour of a tactel, its row of ``law``, whether it is one step away, diagonals too, and whether it is
-in line with the tactel along v (1), along u (2) or not (0)."""
-
-
-class _Skin(NamedTuple):
-    """The state by which the tactels of an arm are judged."""
-
-    tactels: Rows
-    boards: Rows
-    beside: Rows
-    law: Singles
-    """(rows, places) part of its peak that a tactel or a neighbour feels of a light contact at a place."""
-    scratch: Floats
+LOOKS = 2
+"""Silent tactels that are looked at in a cycle."""
+MUTE = 3
+"""Touches of its board since a tactel felt something, after which its silence says nothing of a touch: a line
+is dead with its wire."""
 
 
 class Plausibility:
@@ -197,31 +144,41 @@ class Plausibility:
 
     def __init__(self, arm: Arm) -> None:
         check_arm(arm)
-        self.arm = arm
-        tactels, boards = _tactels(arm), np.zeros(arm.n_patches, BOARD)
-        boards["start"], boards["stop"] = arm.patch_start[:-1], arm.patch_start[1:]
-        self._skin = _Skin(tactels, boards, *_neighbours(arm, tactels, boards), np.zeros((2, PLACES**2)))
-        self.faults: Bytes = tactels["fault"]
+        self.arm, n, m = arm, arm.n_tactels, arm.n_patches
+        self._patch, self._first = np.asarray(arm.tactel_patch), np.asarray(arm.patch_start[:-1])
+        self._near, self._row, self._law, self._is_next = _neighbours(arm)
+        step, self._high = step_of(arm), limit_of(arm)
+        self._low = -BOTTOM * self._high
+        self._sigma = np.maximum(np.sqrt(arm.tactel_noise**2 + step**2 / 12.0), 1e-3)
+        self._jump = np.maximum(arm.tactel_threshold, JUMP_SIGMAS * self._sigma)
+        self._feels = np.maximum(0.5 * arm.tactel_threshold, FEELS * self._sigma)
+        # largest chance of a reading to come again, by the declared noise: the mean in the middle of a step
+        most = erf(step / (np.sqrt(8.0) * np.maximum(arm.tactel_noise, 1e-300)))
+        self._most = np.where(step > 0.0, most, 1.0)
+        self._value, self._state = np.zeros(n), np.zeros((7, n))
+        self._state[2] = 1.0  # noise is not known to show
+        self._is_full, self._quiet_s = np.zeros(m, np.bool_), np.zeros(m)
+        self._touches = np.zeros(m, np.int64)
+        # touch of its board in which a tactel felt something last, and in which it should have first
+        self._felt, self._since = np.full((2, n), -MUTE - 1)
+        self._due, self._place, self._turn = np.zeros((2, n)), np.zeros(n, np.complex128), 0
+        self.faults: Bytes = np.zeros(n, np.uint8)
         """(n_tactels,) :class:`TactelFault` bits, live."""
-        self.is_withheld: Bools = boards["is_withheld"]
-        """(n_patches,) whether the newest readings are of an earlier sample, or all at full scale, live."""
-        self.is_repeated: Bools = boards["is_repeated"]
-        """(n_patches,) whether all readings of this cycle have come again and are withheld for it, live."""
-        self.n_faulty: Ints = boards["n_faulty"]
+        self.is_withheld, self.is_repeated = np.zeros((2, m), np.bool_)
+        """(n_patches,) whether the newest readings are of an earlier sample, or all at full scale; whether
+        all have come again, and are withheld for it; live."""
+        self.n_faulty: Ints = np.zeros(m, np.int64)
         """(n_patches,) tactels that have any, live."""
         self._last_ns: int | None = None
-        none = np.zeros(arm.n_patches, np.bool_)
-        self.judge(np.zeros(arm.n_tactels), 0, none, Baseline(arm))  # compiled now
-        self._last_ns = None
 
     def resume(self, patch: int, faults: Ints) -> None:
         """Begin with the faults (n_tactels of the patch,) that were found before; they heal as any others.
 
         What is out of its band the baseline finds anew.
         """
-        t = self._skin.tactels[self.arm.tactels_of(patch)]
-        t["fault"] = np.where(t["healthy"], faults & JUDGED, 0)
-        self.n_faulty[patch] = np.count_nonzero(t["fault"])
+        here = self.arm.tactels_of(patch)
+        self.faults[here] = np.where(self.arm.tactel_healthy[here], faults & JUDGED, 0)
+        self.n_faulty[patch] = np.count_nonzero(self.faults[here])
 
     def judge(self, pressures: Floats, t_ns: int, fresh: Bools, baseline: Baseline) -> None:
         """Judge the readings of a cycle, and make those that are not plausible NaN, in place.
@@ -233,317 +190,160 @@ class Plausibility:
         fresh:     (n_patches,) False where readings are missing, or are not used.
         baseline:  as the last cycle has left it.
         """
-        now_ns = check_time(t_ns)
+        now_ns, patch, touched = check_time(t_ns), self._patch, baseline.felt.touched != 0
         dt = min(max(1e-9 * (now_ns - self._last_ns), 0.0), 1.0) if self._last_ns is not None else 0.0
-        self._last_ns, felt = now_ns, baseline.felt
-        _judge(self._skin, pressures, felt.zero, felt.touched, felt.out, fresh, dt)
+        change, felt = pressures - self._value, pressures - baseline.felt.zero
+        self._last_ns, self._value = now_ns, pressures.copy()
+        seen = fresh[patch] & self.arm.tactel_healthy & np.isfinite(pressures)
+        still, n, same, rail_s, was_lone, jumps, good_s = self._state
+
+        comes_again = seen & (change == 0.0)
+        still = np.where(comes_again, still + 1.0, 0.0)
+        shows = comes_again & (np.abs(pressures) < -self._low)
+        shows &= same + 2.0 / np.sqrt(np.maximum(n, 1.0)) <= SHOWN
+        chance = np.where(shows, np.log(np.maximum(same, self._most)), 0.0)
+        begins = ~shows
+        begins[self._first] = True
+        run = np.cumsum(begins)
+        is_old = shows & (np.bincount(run, chance * still)[run] < SUSPECT)
+
+        n_seen, is_top = self._by_patch(seen), seen & (pressures >= self._high)
+        all_again = (self._by_patch(comes_again) == n_seen) & (self._by_patch(chance) < REPEAT_CHANCE)
+        self.is_repeated[:] = fresh & all_again
+        leaps = is_top & (change >= LEAP * self._high)
+        is_full = self._is_full | (2 * self._by_patch(leaps) > n_seen)
+        is_full &= (self._by_patch(is_top) == n_seen) & (n_seen >= LEAST_FULL)
+        np.copyto(self._is_full, is_full, where=fresh)
+        self.is_withheld[:] = fresh & (self._is_full | self.is_repeated)
+        is_full = self._is_full[patch]
+
+        free = seen & ~touched & (np.abs(felt) < 3.0 * self._sigma) & ~is_old & ~self.is_repeated[patch]
+        n = n + free
+        same = same + free * (comes_again - same) / np.clip(n, 1.0, FORGET_CYCLES)
+
+        lone = self._find_lone(seen & ~is_full & (felt >= self._jump), felt, change, leaps)
+        lone |= is_top & (was_lone > 0.0)
+        jumps = jumps * (1.0 - min(dt / JUMPS_S, 1.0)) + (lone & (was_lone == 0.0))
+        is_wrong = lone | is_full | (pressures <= self._low)
+        rail_s = np.where(is_wrong, rail_s + min(dt, RAIL_S / RAIL_READINGS), 0.0)
+        bad = RAIL * (rail_s >= RAIL_S) | JUMPING * (jumps >= JUMPS) | FROZEN * (chance * still < CHANCE)
+        good_s = np.where(bad == 0, good_s + dt, 0.0)
+        held = self.faults & np.where(good_s < RETURN_S, JUDGED, DEAD)
+        np.copyto(self._state, (still, n, same, rail_s, lone, jumps, good_s), where=seen)
+        np.copyto(self.faults, held | bad | BAND * baseline.felt.out, "unsafe", where=seen)
+
+        is_touched = fresh & (self._by_patch(touched) > 0)
+        self._touches += is_touched & (self._quiet_s > RAIL_S)
+        self._quiet_s = np.where(is_touched, 0.0, self._quiet_s + dt * fresh)
+        if is_touched.any():
+            self._watch(seen & is_touched[patch] & ~is_full, felt)
+        self.n_faulty[:] = self._by_patch(self.faults != 0)
+        # the baseline watches for a return to the band; what is not named yet is not used either
+        unsure = (self.faults == 0) & (is_old | is_wrong)
+        pressures[seen & ((self.faults & JUDGED != 0) | unsure)] = math.nan
+
+    def _find_lone(self, high: Bools, felt: Floats, change: Floats, leaps: Bools) -> Bools:
+        """Return which of some tactels read what no contact around explains.
+
+        So does one that leaps to full scale while those next to it stay as they are: a tap changes them too,
+        however narrow and short it is.
+        """
+        lone, (i,) = np.zeros(len(felt), np.bool_), np.nonzero(high)
+        at_centre = felt[i] * self._law[self._row[1:, i], CENTRE]
+        for k in i[leaps[i] | ~self._is_explained(self._near[1:, i], at_centre, felt)].tolist():
+            j, row = self._near[1:, k], self._row[:, k]
+            peak = felt[k] / np.maximum(self._law[row[0]], 1e-9)
+            explained = self._is_explained(j[:, None], peak * self._law[row[1:]], felt)
+            beside = j[self._is_next[row[1:]] & (self.faults[j] == 0)]
+            is_still = (change[beside] ** 2).sum() < 2.0 * ((UNMOVED * self._sigma[beside]) ** 2).sum()
+            lone[k] = (leaps[k] and is_still) or not explained[peak <= BEYOND * self._high[k]].any()
+        return lone
+
+    def _is_explained(self, near: Ints, due: Floats, felt: Floats) -> Bools:
+        """Return whether neighbours read enough of what is due to each (Pa), by columns.
+
+        What is more than the law may be of another contact, and makes up for no other neighbour.
+        """
+        due = due * (self.faults == 0)[near]
+        less = due * (LONE * due - np.clip(felt[near], 0.0, due))
+        noise = np.sqrt(((due * self._sigma[near]) ** 2).sum(axis=0))
+        return np.asarray(less.sum(axis=0) <= LONE_SURE * noise)
+
+    def _watch(self, watched: Bools, felt: Floats) -> None:
+        """Note which tactels feel something; look at some beside them that do not, one after the other."""
+        feels, now, since = felt >= self._feels, self._touches[self._patch], self._since
+        self._felt[watched & feels], since[watched & feels] = now[watched & feels], -1
+        self.faults[watched & feels] &= JUDGED ^ DEAD | BAND
+        (i,) = np.nonzero(watched & ~feels)
+        i = i[(self._is_next[self._row[1:, i]] & feels[self._near[1:, i]]).sum(axis=0) >= 2]
+        usable = (self.faults == 0) & (self._value < self._high)
+        lively = usable & (feels | (now - self._felt <= MUTE))
+        for _ in range(min(LOOKS, len(i))):
+            self._turn = k = int(i[np.searchsorted(i, self._turn + 1) % len(i)])
+            least, place = self._least_felt(k, felt, usable) or self._least_felt(k, felt, lively) or (0.0, 0j)
+            is_new = since[k] < 0 or now[k] == since[k] or abs(place - self._place[k]) >= ELSEWHERE
+            if least >= self._feels[k] and is_new:
+                if since[k] < 0:
+                    since[k], self._place[k], self._due[:, k] = now[k], place, 0.0
+                self._due[:, k] += least * least, least * felt[k]
+                due, shown = self._due[:, k]
+                is_silent = shown + SURE * self._sigma[k] * math.sqrt(due) < DEAD_SHARE * due
+                self.faults[k] |= DEAD * (is_silent and now[k] > since[k])
+
+    def _least_felt(self, k: int, felt: Floats, usable: Bools) -> tuple[float, complex] | None:
+        """Return the least (Pa) that a tactel reads under a contact that explains its neighbours, and where.
+
+        Of the places of a contact those with a chi^2 of at most LIKELY more than the best explain the
+        neighbours, if that of the best is at most MISFIT each. None if none does, or the board reads more
+        elsewhere.
+        """
+        here, j = self._patch == self._patch[k], self._near[1:, k]
+        told = (j >= 0) & usable[j]
+        law, y = self._law[self._row[1:, k][told]], felt[j[told]]
+        if len(y) < LEAST_NEAR or (felt * (self.faults == 0))[here].max() > y.max():
+            return None
+        up, down = (law * y[:, None]).sum(axis=0), (law**2).sum(axis=0)
+        peak = up / np.maximum(down, 1e-12)
+        chi2 = np.where(peak <= BEYOND * self._high[k], (y**2).sum() - peak * up, np.inf)
+        best, unit = chi2.argmin(), self._sigma[k] ** 2 + (TOLERANCE * y.max()) ** 2
+        if chi2[best] > MISFIT * len(y) * unit:
+            return None
+        own = peak * self._law[self._row[0, k]]
+        return float(own[chi2 <= chi2[best] + LIKELY * unit].min()), complex(PLACE[best])
+
+    def _by_patch(self, column: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return the sums of a column of tactels, (n_patches,)."""
+        return np.add.reduceat(column, self._first, dtype=float if column.dtype == np.float64 else int)
 
 
-def _tactels(arm: Arm) -> Rows:
-    """Return the tactels of an arm before their first reading."""
-    tactels, step = np.zeros(arm.n_tactels, TACTEL), step_of(arm)
-    tactels["healthy"], tactels["high"], tactels["touch"] = (
-        arm.tactel_healthy,
-        limit_of(arm),
-        arm.tactel_threshold,
-    )
-    tactels["low"] = -BOTTOM * tactels["high"]
-    tactels["sigma"] = np.maximum(np.sqrt(arm.tactel_noise**2 + step**2 / 12.0), 1e-3)
-    # the mean in the middle of a step
-    most = erf(step / (np.sqrt(8.0) * np.maximum(arm.tactel_noise, 1e-300)))
-    tactels["quiet"] = np.log(np.where(step > 0.0, most, 1.0))
-    return tactels
+AXIS = np.linspace(-SPAN, SPAN, PLACES)
+PLACE = (AXIS + 1j * AXIS[:, None]).ravel()
+"""u + jv of the places of a contact around a tactel, pitches."""
 
 
-def _neighbours(arm: Arm, tactels: Rows, boards: Rows) -> tuple[Rows, Singles]:
-    """Return the neighbours of tactels and ``law``, (rows, places); boards of one law share rows.
+def _neighbours(arm: Arm) -> tuple[Ints, Ints, Floats, Bools]:
+    """Return the neighbours of tactels, rows of the law for them, the law, and which rows are one step away.
 
-    It is the part of its peak that a tactel or a neighbour feels of a light contact at a place; of a cone,
-    the narrowest it makes.
+    Neighbours and rows are (n, n_tactels), -1 for none, the nearest first: the tactel itself. The law
+    (rows, places) is the part of its peak that a tactel feels of a light contact at a place around another;
+    of a cone, the narrowest it makes. Boards of one law share rows; the last is 0, of none.
     """
-    axis = np.linspace(-SPAN, SPAN, PLACES)
-    places = (axis + 1j * axis[:, None]).ravel()
     rows: dict[tuple[Law, float, complex], int] = {}
-    beside: list[tuple[int, int, int, bool]] = []
-    for p, placed in enumerate(arm.patches):
-        law, pitch, start = placed.patch.law, placed.patch.pitch, arm.patch_start[p]
+    near: Any = []
+    row: Any = []
+    for start, placed in zip(arm.patch_start, arm.patches, strict=False):
+        law, pitch = placed.patch.law, placed.patch.pitch
         at = placed.patch.tactels_uv @ (1.0, 1j) / pitch
-        for i, own in enumerate(at):
-            tactels["first"][start + i] = len(beside)
-            for j in np.flatnonzero(np.abs(at - own) <= REACH).tolist():
-                step = complex(np.round(at[j] - own, 6))
-                row = rows.setdefault((law, pitch, step), len(rows))
-                line = (abs(step.real) < IN_LINE) + 2 * (abs(step.imag) < IN_LINE)
-                if j != i:
-                    beside.append((start + j, row, line, abs(step) < NEXT))
-            tactels["last"][start + i] = len(beside)
-        boards["own_row"][p] = rows[law, pitch, 0j]
+        for steps in np.round(at - at[:, None], 6):
+            beside = np.argsort(np.abs(steps), kind="stable")
+            beside = beside[np.abs(steps[beside]) <= REACH]
+            near.append(start + beside)
+            row.append([rows.setdefault((law, pitch, step), len(rows)) for step in steps[beside].tolist()])
     peaks = [
-        law.pressure(pitch * np.abs(np.append(places - step, 0.0)) / WIDTH, LIGHT_N)
+        law.pressure(pitch * np.abs(np.append(PLACE - step, 0.0)) / WIDTH, LIGHT_N)
         for law, pitch, step in rows
     ]
-    return np.array(beside, BESIDE), np.array([peak[:-1] / peak[-1] for peak in peaks], np.float32)
-
-
-@kernel
-def _judge(
-    skin: _Skin,
-    pressures: Floats,
-    zero: Floats,
-    touched: npt.NDArray[np.int8],
-    out: Bools,
-    fresh: Bools,
-    dt: float,
-) -> None:
-    """Run one cycle."""
-    for p in range(len(skin.boards)):
-        b = skin.boards[p]
-        b.is_withheld = b.is_repeated = False
-        if not fresh[p]:
-            for i in range(b.start, b.stop):
-                skin.tactels[i].value = pressures[i]  # it may come again once the board is used
-            continue
-        is_touched = False
-        for i in range(b.start, b.stop):
-            t = skin.tactels[i]
-            t.change, t.value, t.felt = pressures[i] - t.value, pressures[i], pressures[i] - zero[i]
-            is_touched |= touched[i] != 0
-        _compare(skin, b)
-        b.quiet_s = 0.0 if is_touched else b.quiet_s + dt
-        if b.quiet_s > RAIL_S:
-            _end_touch(skin, b)
-        is_touched &= not b.is_full
-        for i in range(b.start, b.stop):
-            t = skin.tactels[i]
-            if t.healthy and math.isfinite(t.value):
-                bad = _rail(skin, b, t, dt)
-                is_free = touched[i] == 0 and abs(t.felt) < 3.0 * t.sigma
-                bad |= _changes(b, t, is_free)
-                t.good_s = 0.0 if bad != 0 else t.good_s + dt
-                held = t.fault & (JUDGED if t.good_s < RETURN_S else DEAD)
-                t.fault = held | bad | (BAND if out[i] else 0)
-                if is_touched and t.felt >= FEELS * t.sigma and t.felt >= 0.5 * t.touch:
-                    t.evident, t.touches, t.due, t.shown = False, 0, 0.0, 0.0
-                    t.fault &= JUDGED ^ DEAD | BAND
-        if is_touched:
-            _watch_touch(skin, b)
-        b.n_faulty = 0
-        for i in range(b.start, b.stop):
-            t = skin.tactels[i]
-            b.n_faulty += t.fault != 0
-            # the baseline watches for a return to the band; what is not named yet is not used either
-            if t.fault & JUDGED != 0 or (t.fault == 0 and (t.is_old or t.rail_n > 0)):
-                pressures[i] = math.nan
-
-
-@inner_kernel
-def _compare(skin: _Skin, b: Any) -> None:
-    """Compare the readings of a board with those before, and with full scale.
-
-    Repetitions of tactels that follow each other count together: those of a PDO come again together.
-    """
-    n, n_same, n_hard, n_full = 0, 0, 0, 0
-    begin, run, chance = b.start, 0.0, 0.0
-    for i in range(b.start, b.stop):
-        t, own = skin.tactels[i], 0.0
-        t.is_old &= t.change == 0.0
-        if t.healthy and math.isfinite(t.value):
-            n += 1
-            n_hard += t.value >= CRUSHED * t.high
-            n_full += t.value >= t.high
-            if t.change == 0.0:
-                n_same += 1
-                t.still += 1
-                own = _log_same(t)
-        chance += own
-        run += own * t.still
-        if own == 0.0:
-            begin, run = i + 1, 0.0
-        elif run + math.log(b.stop - b.start) * (i > begin) < SUSPECT:
-            for j in range(begin, i + 1):
-                skin.tactels[j].is_old = True
-    is_full = n_full == n >= LEAST_FULL  # its supply fails, or force has brought it there
-    if not is_full:
-        b.is_crushed = 2 * n_hard >= n > 0
-    b.is_full = is_full and not b.is_crushed
-    b.is_repeated = n_same == n and chance < REPEAT_CHANCE
-    b.is_withheld = b.is_full or b.is_repeated
-
-
-@inner_kernel
-def _log_same(t: Any) -> float:
-    """Return the log of the chance of a reading to come again; 0 where that is not known, and at a rail."""
-    same = 1.0 - t.changes / (t.cycles + 1.0)
-    if same + 2.0 / math.sqrt(t.cycles) > SHOWN or not t.low < t.value < t.high:
-        return 0.0
-    return float(max(t.quiet, math.log(same)))
-
-
-@inner_kernel
-def _rail(skin: _Skin, b: Any, t: Any, dt: float) -> int:
-    """Return whether a tactel is at a rail, or reads alone what no contact explains, again and again."""
-    is_at_top, is_lone, before = t.value >= t.high, False, t.lone_n
-    if not b.is_full:
-        if is_at_top and t.change >= JUMP_SHARE * t.high and _jumps_alone(skin, t):
-            t.lone_n = RAIL_READINGS  # whatever touches beside it later
-        # what came to full scale alone is stuck until it leaves it
-        is_lone = (is_at_top and t.lone_n >= RAIL_READINGS) or _is_alone(skin, b, t)
-    t.lone_n = t.lone_n + 1 if is_lone else 0
-    t.jumps -= t.jumps * min(dt / JUMPS_S, 1.0)
-    t.jumps += is_lone and before == 0
-    t.rail_n = t.rail_n + 1 if is_lone or t.value <= t.low or b.is_full else 0
-    bad = RAIL if t.rail_n >= RAIL_READINGS and t.rail_n * dt >= RAIL_S else 0
-    return bad | JUMPING if t.jumps >= JUMPS else bad
-
-
-@inner_kernel
-def _is_alone(skin: _Skin, b: Any, t: Any) -> bool:
-    """Return whether a tactel reads what no contact around explains: its neighbours would read more."""
-    if t.felt < max(t.touch, JUMP_SIGMAS * t.sigma):
-        return False
-    n_cells = skin.law.shape[1]
-    for k in range(n_cells):
-        cell = (n_cells // 2 + k) % n_cells  # from the middle on: that explains most
-        peak = t.felt / max(skin.law[b.own_row, cell], 1e-9)
-        if peak > BEYOND * t.high:
-            continue
-        less, square, n = 0.0, 0.0, 0
-        for e in range(t.first, t.last):
-            near = skin.beside[e]
-            other = skin.tactels[near.tactel]
-            if other.fault == 0 and math.isfinite(other.value):
-                due = peak * skin.law[near.row, cell]
-                # what is more than the law may be of another contact, and makes up for no other neighbour
-                less += due * (LONE * due - min(max(other.felt, 0.0), due))
-                square += (due * other.sigma) ** 2
-                n += 1
-        if n < 2 or square == 0.0 or less < LONE_SURE * math.sqrt(square):
-            return False
-    return True
-
-
-@inner_kernel
-def _jumps_alone(skin: _Skin, t: Any) -> bool:
-    """Return whether the nearest neighbours of a tactel stay as they were while it changes.
-
-    A tap changes them too, however narrow and short it is.
-    """
-    n, square, variance = 0, 0.0, 0.0
-    for e in range(t.first, t.last):
-        near = skin.beside[e]
-        other = skin.tactels[near.tactel]
-        if other.fault == 0 and near.is_next and math.isfinite(other.change):
-            n += 1
-            square += other.change * other.change
-            variance += 2.0 * other.sigma * other.sigma
-    return n >= 2 and square < UNMOVED * UNMOVED * variance
-
-
-@inner_kernel
-def _changes(b: Any, t: Any, is_free: bool) -> int:
-    """Return whether a tactel is frozen; learn how often a free one repeats."""
-    if t.change == 0.0:
-        t.was_old |= t.is_old or b.is_repeated or not t.low < t.value < t.high
-        return FROZEN if t.still * _log_same(t) < CHANCE else 0
-    # a run counts when it is over, and if all of it was new: a frozen one does not change the rate
-    if is_free and not t.was_old:
-        keep = 0.5 if t.cycles > FORGET_CYCLES else 1.0
-        t.cycles = keep * (t.cycles + t.still + 1.0)
-        t.changes = keep * (t.changes + 1.0)
-    t.still = 0
-    t.was_old = False
-    return 0
-
-
-@inner_kernel
-def _watch_touch(skin: _Skin, b: Any) -> None:
-    """Look at one of the silent tactels of a touched board."""
-    for _ in range(b.stop - b.start):
-        b.turn = b.turn + 1 if b.start <= b.turn < b.stop - 1 else b.start
-        t = skin.tactels[b.turn]
-        if t.healthy and math.isfinite(t.value) and t.felt < FEELS * t.sigma and _is_due(skin, b, t):
-            return
-
-
-@inner_kernel
-def _is_due(skin: _Skin, b: Any, t: Any) -> bool:
-    """Note what a silent tactel should have read; return False if too little is felt beside it."""
-    n_felt = 0
-    for e in range(t.first, t.last):
-        near = skin.beside[e]
-        other = skin.tactels[near.tactel]
-        n_felt += near.is_next and other.felt >= CLEAR * other.sigma
-    if n_felt < 2:
-        return False
-    least, place = 0.0, 0
-    for dead in range(3):  # a line is dead with its wire
-        if least == 0.0:
-            least, place = _least_felt(skin, b, t, dead)
-    if t.touches == 0 and not t.evident:
-        t.first_cell = place
-    u = place % PLACES - t.first_cell % PLACES
-    v = place // PLACES - t.first_cell // PLACES
-    # the first touch that it has not felt may be two contacts that look like one, and come again and again
-    is_elsewhere = STEP * math.sqrt(u * u + v * v) >= ELSEWHERE or t.touches == 0
-    if least > CLEAR * t.sigma and is_elsewhere:
-        least /= t.sigma
-        t.due += least * least
-        t.shown += least * t.felt / t.sigma
-        t.evident = True
-    return True
-
-
-@inner_kernel
-def _least_felt(skin: _Skin, b: Any, t: Any, dead: int) -> tuple[float, int]:
-    """Return the least (Pa) that a tactel reads under a contact that explains its neighbours, and its place.
-
-    dead: the ``line`` whose tactels count as missing where they read nothing
-
-    Of the places of a contact those with a chi^2 of at most LIKELY more than the best explain the neighbours,
-    if that of the best is at most MISFIT each. 0 if none does, or the board reads more elsewhere.
-    """
-    n, top, square = 0, 0.0, 0.0
-    up, down, n_cells = skin.scratch[0], skin.scratch[1], skin.law.shape[1]
-    for cell in range(n_cells):
-        up[cell] = down[cell] = 0.0
-    for e in range(t.first, t.last):
-        near = skin.beside[e]
-        other, row = skin.tactels[near.tactel], near.row
-        is_lost = dead & near.line != 0 and other.felt < CLEAR * t.sigma
-        if other.fault == 0 and other.value < other.high and not is_lost:
-            n += 1
-            top = max(top, other.felt)
-            square += other.felt * other.felt
-            for cell in range(n_cells):
-                part = skin.law[row, cell]
-                up[cell] += part * other.felt
-                down[cell] += part * part
-    for i in range(b.start, b.stop):
-        if n < 4 or (skin.tactels[i].fault == 0 and skin.tactels[i].felt > top):
-            return 0.0, 0
-    best, place = math.inf, 0
-    for cell in range(n_cells):
-        amplitude = up[cell] / down[cell] if down[cell] > 0.0 else 0.0
-        up[cell] = square - amplitude * up[cell] if amplitude <= BEYOND * t.high else math.inf
-        down[cell] = amplitude * skin.law[b.own_row, cell]
-        if up[cell] < best:
-            best, place = up[cell], cell
-    unit = t.sigma**2 + (TOLERANCE * top) ** 2
-    least = math.inf if best <= MISFIT * n * unit else 0.0
-    for cell in range(n_cells):
-        if up[cell] <= best + LIKELY * unit:
-            least = min(least, down[cell])
-    return least, place
-
-
-@inner_kernel
-def _end_touch(skin: _Skin, b: Any) -> None:
-    """Name the tactels of a board that read too little of what they should have in some touches."""
-    for i in range(b.start, b.stop):
-        t = skin.tactels[i]
-        if t.evident:
-            t.evident = False
-            t.touches += 1
-            is_silent = t.shown + SURE * math.sqrt(t.due) < DEAD_SHARE * t.due
-            if is_silent and t.touches >= EVIDENT_TOUCHES:
-                t.fault |= DEAD
+    table = np.array([*(peak[:-1] / peak[-1] for peak in peaks), np.zeros(PLACES**2)])
+    is_next = np.array([*(abs(step) < NEXT for _, _, step in rows), False])
+    near, row = (np.array([*zip_longest(*lists, fillvalue=-1)]) for lists in (near, row))
+    return near, row, table, is_next

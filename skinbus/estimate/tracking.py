@@ -11,24 +11,22 @@ A track that is not seen in a cycle coasts; it shows where it was last seen. How
 why it is not seen:
 
     MISSED   its patch sends readings and they show nothing: a cycle or two
-    BLIND    the readings of its patch are missing: until they are back, at most ``blind_s``; or it moves
-             through a gap between boards: until it is past that
-    HIDDEN   a contact close by is strong enough to be both: two touches that cross; at most a second.
+    BLIND    the readings of its patch are missing: until they are back; or it moves through a gap between
+             boards: until it is past that
+    HIDDEN   a contact close by is strong enough to be both: two touches that cross
+
+Nothing coasts longer than ``blind_s``.
 
 Filter: three independent Kalman filters, of s, a and force. Of a place the acceleration is white::
 
     x <- [[1, dt], [0, 1]] x,   P <- Phi P Phi' + q [[dt^3/3, dt^2/2], [dt^2/2, dt]]
 
-Association: a track and a contact of one link may be paired within REACH on the surface and within GATE by
-the variances C = P + R + (MANOEUVRE dt)^2 of their difference along s and a. The pairs have the least total
-cost
-
-    cost = y' inv(C) y + force term + log det C
-
-Pairs beyond the gate but near cost more than all others, by their distance. While a contact is that of two
-tracks, neither filter takes it in: both go on as they moved, and their motion distinguishes them when they
-part. An estimate at a seam may jump by half a pitch for a cycle: the first contact off the line of a track is
-shown, but its filter waits for a second.
+Association: a track and a contact of one link may be paired if that is where the track is expected, or where
+it was last, within what a hand moves in the time since (FASTEST, REACH). The pairs have the least sum of
+squares of distance over that reach. While a contact is that of two tracks, neither filter takes it in: both
+go on as they moved, and their motion distinguishes them when they part. An estimate at a seam may jump by
+half a pitch for a cycle: the first contact off the line of a track is shown, but its filter waits for a
+second.
 
 Time: steps may be of any length. A contact that was sampled before the time of the cycle is compared with
 where its track was then, [1, -age] x. After a gap longer than ``blind_s`` every track ends. A cycle whose
@@ -45,7 +43,6 @@ crossed.
 from __future__ import annotations
 
 import enum
-import math
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
@@ -54,10 +51,7 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from skinbus.arrays import Bools, Floats, Ints
-from skinbus.estimate.columns import record
 from skinbus.estimate.contacts import Contacts
-from skinbus.estimate.kernels.geometry import LinkSurface, distance, surface_of, wrap
-from skinbus.jit import inner_kernel, kernel
 from skinbus.model import Arm
 from skinbus.model.validation import check_arm, check_fresh, check_time
 
@@ -69,22 +63,10 @@ N_IDS = 255
 """Identities on the wire are one byte; 0 is none."""
 
 # --- Measurement -----------------------------------------------------------------------------------
-RESUMED, UNKNOWN, LEAST, MOST = np.array(
-    [
-        [[5e-3, 5e-3, 1.0], [0.0, 0.0, 0.5]],
-        [[2e-3, 2e-3, 0.05], [0.0, 0.0, 0.1]],
-        [[1e-4, 1e-4, 0.01], [0.0, 0.0, 0.01]],
-        [[25e-3, 25e-3, 1.0], [0.0, 0.0, 1.0]],
-    ]
-)
-"""Standard deviations of s, a (m) and force (N), and what is added for each N: of a contact after a restart,
-half a pitch; of one without covariance, K-means errs by 1-4 mm and 7-18 %; the least of one with covariance,
-a count on the wire; the most, half a patch: a contact is known to be on its patch."""
-CROWD = 30e-3
-"""Contacts with two tracks this close are crowded, m: their pressures overlap on three pitches."""
-SIGMA_CROWD, FORCE_CROWD = 4e-3, 0.5
-"""Place error of a crowded contact on top of its covariance, m: the worst of K-means; force error, share of
-the force: two that overlap are badly distinguished."""
+UNKNOWN, LEAST, MOST = np.array([[2e-3, 2e-3, 0.5], [1e-4, 1e-4, 0.01], [25e-3, 25e-3, 10.0]]) ** 2
+"""Variances of s, a (m^2) and force (N^2): of a contact without covariance, K-means errs by 1-4 mm and 7-18 %
+of some newtons; the least of one with covariance, a count on the wire; the most, and that after a restart,
+half a patch: a contact is known to be on its patch."""
 FAR = np.array([1e3, 1e3, 1e9])
 """s, a (m) and forces (N) beyond these are no contacts."""
 
@@ -95,34 +77,21 @@ WALK = (0.0, 0.0, 100.0)
 """Random walk of the force, N^2/s: 1.4 N in 20 ms."""
 SIGMA_SPEED = 0.7
 """Speed of a contact that has just come, m/s: a hand that wipes has 1."""
-MANOEUVRE = 0.25
-"""Sudden change of speed that keeps an identity, m/s, one sigma; the gate takes four of it."""
-MANOEUVRE_MOST = 10e-3
-"""Most that this adds to the gate, m, one sigma: the pitch of the tactels."""
 
 # --- Association -----------------------------------------------------------------------------------
+FASTEST, REACH = 1.1, (20e-3, 45e-3)
+"""A contact is that of a track if it has moved no faster since that was seen, m/s; within two pitches, as
+estimates at seams jump by one, and fingers that lift and touch in turn are further apart; at most within a
+patch, m."""
+COST_NONE = 1e3
+"""Cost of leaving a pair apart: over that of all pairs, which is 1 each at most."""
 GATE = 18.4
-"""Largest normalised distance squared: 99.99 % of chi-squared with 2 degrees of freedom."""
-FORCE_MOST = 9.0
-"""Most that the force adds to the cost: an impact changes the force, never the identity."""
-COST_HIDDEN = 19.0
-"""What a hidden track pays, over GATE: of two that share a contact the same one shows it all the time."""
-COST_AGAIN = 1000.0
-"""Cost of a pair by distance alone: far over GATE + FORCE_MOST + COST_HIDDEN + log det, which is at most 57,
-so that no such pair takes a contact from one by the gate."""
-COST_NONE = 1010.0
-"""Cost of leaving a pair apart: over that of any pair, and under that of two by distance alone."""
-REACH = 50e-3
-"""No pair is further apart than this on the surface, m, whatever the covariance says: one patch."""
-AGAIN_REACH = 20e-3
-"""A contact that no track expects is that of one which is missed, if it is so near, m: two pitches. Estimates
-at seams jump by one, and fingers that lift and touch in turn are further apart."""
+"""Normalised distance squared beyond which a contact is off the line of its track: 99.99 % of chi-squared
+with 2 degrees of freedom."""
 
 # --- Life ------------------------------------------------------------------------------------------
 COAST_CYCLES = 2
 """Cycles that a track may miss for no reason."""
-MERGE_NS = 1_000_000_000
-"""Longest time that a track may be hidden by another contact."""
 MERGE_REACH = 40e-3
 """Two contacts closer than this may be seen as one, m: four pitches, where one of them is in a gap."""
 MERGE_SHARE = 0.2
@@ -205,9 +174,14 @@ class KeptTrack(NamedTuple):
     force: float
 
 
-TRACK = record(
+def _record(columns: dict[str, str]) -> np.dtype[Any]:
+    """Return the type of rows with these columns: kinds, as numpy names them, and names by spaces."""
+    return np.dtype([(name, kind) for kind, names in columns.items() for name in names.split()])
+
+
+TRACK = _record(
     {
-        "i8": "identity id slot state row link patch born_ns seen_ns updated_ns missed",
+        "i8": "identity id slot state row link patch born_ns seen_ns missed",
         "b1": "doubted shared is_hidden moving",
         "f8": "s a force",
         "(3,2)f8": "mean",
@@ -217,16 +191,14 @@ TRACK = record(
 """A track; its public columns are those of :class:`Tracks`.
 
 mean       s, a and force, each with its speed
-updated_ns last time the filter took a contact in
 missed     cycles since it was seen
 is_hidden  it may be a part of the contact of another track, which is ...
-doubted    the last contact was off its line, and not taken in
 shared     ... this one
+doubted    the last contact was off its line, and not taken in
 """
-CONTACT = record({"i8": "link patch row track age_ns", "b1": "is_crowded", "3f8": "z r"})
+CONTACT = _record({"i8": "link patch row track age_ns", "3f8": "z r"})
 """A contact of this cycle, its row and the track it went to, -1 for none; z is s, a, force, r their
 variances."""
-_TIMES = ("born_ns", "seen_ns", "updated_ns")
 _PUBLIC = [field.name for field in fields(Tracks) if field.name in set(TRACK.names or ()) - {"mean"}]
 
 
@@ -234,9 +206,7 @@ class Tracker:
     """Gives the contacts of an arm identities over cycles.
 
     ``n_slots``  places that can be shown; more tracks than that are kept, up to 64
-    ``blind_s``  longest time that a track may be without readings, s
-
-    Everything is compiled when the constructor returns.
+    ``blind_s``  longest time that a track may be unseen, s
     """
 
     def __init__(self, arm: Arm, *, n_slots: int = 16, blind_s: float = 1.0) -> None:
@@ -244,15 +214,11 @@ class Tracker:
         self.arm = arm
         self._slots, self._blind_ns = np.arange(n_slots), round(1e9 * blind_s)
         self._pitch = np.array([placed.patch.pitch for placed in arm.patches])[arm.tactel_patch]
-        self._surface = arm.link_shapes
-        self._waiting: list[tuple[KeptTrack, int]] = []
-        self._first_ns: int | None = None
+        self._radius, self._taper, self._period, self._length = arm.link_shapes.T
+        self._waiting: list[tuple[KeptTrack, float]] = []
         self.last = (0, 0)
         """The identity and the number that were given last."""
-        self._none = np.zeros(0, CONTACT)
         self.reset()
-        self._pair(self._none, 0.0, 0)  # compiled now
-        _take(self._tracks, self._none, self._surface, 0.0, 0)
 
     def reset(self) -> None:
         """Forget all tracks at once, without a word; identities go on counting."""
@@ -268,7 +234,7 @@ class Tracker:
 
     def resume(self, track: KeptTrack, within_s: float) -> None:
         """Take up a contact as soon as its patch is read, if that is within this time of the first cycle."""
-        self._waiting.append((track, round(1e9 * within_s)))
+        self._waiting.append((track, within_s))
 
     def update(
         self,
@@ -288,16 +254,14 @@ class Tracker:
             ValueError: ``fresh`` has the wrong shape.
         """
         t_ns, flags = check_time(t_ns), check_fresh(self.arm, fresh)
-        c = self._usable(contacts) if len(contacts) else self._none
+        c = _usable(contacts)
         c["age_ns"] = np.broadcast_to(age_ns, flags.shape)[c["patch"]]
-        if self._waiting:
-            self._take_up(t_ns, flags)
-        dt = self._begin(t_ns)
-        w, away = self._tracks, self._pair(c, dt, t_ns)
-        for k in np.flatnonzero(w["row"] < 0).tolist():
-            self._miss(k, c, away, t_ns, flags)
-        _take(w, c, self._surface, dt, t_ns)
-        self._spawn(t_ns, c)
+        dt = self._begin(t_ns, flags)
+        away = self._pair(c, t_ns)
+        for k in np.flatnonzero(self._tracks["row"] < 0).tolist():
+            self._miss(k, c, away[k], t_ns, flags)
+        self._take(c, dt, t_ns)
+        self._spawn(c, t_ns)
 
         shown = self._tracks.copy()
         shown["row"] = np.append(c["row"], -1)[shown["row"]]
@@ -307,244 +271,142 @@ class Tracker:
         columns = {name: shown[name] for name in _PUBLIC}
         return Tracks(t_ns=t_ns, mean=mean, contact_row=contact_row, **columns)
 
-    def _usable(self, contacts: Contacts) -> Rows:
-        """Return the contacts that can be used, the strongest first, in whatever order they come."""
-        z = np.stack([contacts.s, contacts.a, contacts.force], axis=-1)
-        is_usable = (np.abs(z) < FAR).all(axis=1) & (z[:, 2] >= 0.0)  # false for NaN
-        order = np.lexsort((z[:, 1], z[:, 0], contacts.link, -z[:, 2]))
-        rows = order[is_usable[order]][:MAX_TRACKS]
-        c = np.zeros(len(rows), CONTACT)
-        c["link"], c["patch"] = contacts.link[rows], contacts.patch[rows]
-        c["row"], c["track"], c["z"] = rows, -1, z[rows]
-        variance = contacts.covariance[rows].diagonal(axis1=1, axis2=2)
-        is_known = ((variance > 0.0) & (variance < np.inf)).all(axis=1, keepdims=True)
-        unknown, least, most = (_variance(kind, z[rows, 2:]) for kind in (UNKNOWN, LEAST, MOST))
-        c["r"] = np.clip(np.where(is_known, variance, unknown), least, most)
-        return c
-
-    def _take_up(self, t_ns: int, fresh: Bools) -> None:
-        """Begin the tracks whose patches are read, before the contacts of this cycle are looked at."""
-        self._first_ns = t_ns if self._first_ns is None else self._first_ns
-        waiting = [entry for entry in self._waiting if t_ns - self._first_ns <= entry[1]]
-        self._waiting = [entry for entry in waiting if not fresh[entry[0].patch]]
-        for track, _ in waiting:
-            w = self._tracks
-            is_new = track.identity not in w["identity"] and track.id not in w["id"]
-            if fresh[track.patch] and len(w) < MAX_TRACKS and is_new:
-                free = np.setdiff1d(self._slots, w["slot"])
-                slot = track.slot if track.slot in free else -1
-                self._put(track._replace(slot=slot), _variance(RESUMED, track.force), t_ns)
-
-    def _begin(self, t_ns: int) -> float:
-        """Leave out what was lifted in the last cycle; return the step, s."""
+    def _begin(self, t_ns: int, fresh: Bools) -> float:
+        """Carry the tracks that were not lifted on to a cycle; return the step, s."""
         dt_ns = 0 if self._last_ns is None else t_ns - self._last_ns
-        self._last_ns = t_ns
+        self._last_ns, dt = t_ns, 1e-9 * max(dt_ns, 0)
         w = self._tracks = self._tracks[self._tracks["state"] != LIFT]
         if dt_ns < 0:  # the clock was set back: everything that was remembered goes with it
-            for name in _TIMES:
-                w[name] += dt_ns
+            w["born_ns"] += dt_ns
+            w["seen_ns"] += dt_ns
+        waiting = [(track, left_s - dt) for track, left_s in self._waiting if left_s >= dt]
+        self._waiting = [entry for entry in waiting if not fresh[entry[0].patch]]
+        for track, _ in waiting:
+            if fresh[track.patch] and track.id not in self._tracks["id"]:
+                slot = -1 if track.slot in self._tracks["slot"] else track.slot
+                self._put(t_ns, np.array([track[-3:]]), MOST, **track._replace(slot=slot)._asdict())
+        w = self._tracks
         w["row"], w["shared"] = -1, False
         w["missed"] += 1
-        return 1e-9 * max(dt_ns, 0)
+        w["mean"][:, :, 0] += dt * w["mean"][:, :, 1]
+        phi = np.array([[1.0, 0.0, 0.0], [2.0 * dt, 1.0, 0.0], [dt * dt, dt, 1.0]])
+        q = np.outer(ACCELERATION, [dt**3 / 3.0, dt**2 / 2.0, dt]) + np.outer(WALK, [dt, 0.0, 0.0])
+        w["covariance"] = w["covariance"] @ phi + q
+        return dt
 
-    def _pair(self, c: Rows, dt: float, t_ns: int) -> Floats:
-        """Carry the tracks on by dt (s) and pair them with contacts; return how far off those are, m."""
-        w, shape = self._tracks, (len(self._tracks), len(c))
-        away, cost = np.full(shape, np.inf), np.full(shape, COST_NONE)
-        _price(w, c, self._surface, away, cost, dt, t_ns, self._blind_ns)
-        i, j = linear_sum_assignment(cost)
-        is_pair = cost[i, j] < COST_NONE
+    def _pair(self, c: Rows, t_ns: int) -> Floats:
+        """Pair tracks with contacts; return how far those are from where tracks were expected, m.
+
+        Both are (n_tracks, n_contacts).
+        """
+        w = self._tracks
+        link, unseen_ns = w["link"][:, None], t_ns - w["seen_ns"][:, None]
+        age, x = 1e-9 * c["age_ns"], w["mean"][:, :, None]
+        expected = x[..., 0] - age * x[..., 1]
+        away = self._distance(c, link, expected[:, 0], expected[:, 1])
+        away[(link != c["link"]) | (unseen_ns > self._blind_ns)] = np.inf
+        # one that has turned or begun to move is where it was, not where it was expected
+        still = self._distance(c, link, w["s"][:, None], w["a"][:, None])
+        still[np.isinf(away) | w["is_hidden"][:, None]] = np.inf
+        cost = (np.minimum(away, still) / np.clip(FASTEST * 1e-9 * unseen_ns, *REACH)) ** 2
+        i, j = linear_sum_assignment(np.where(cost <= 1.0, cost, COST_NONE))
+        is_pair = cost[i, j] <= 1.0
         i, j = i[is_pair], j[is_pair]
         w["row"][i], c["track"][j] = j, i
-        w["doubted"][i] |= cost[i, j] >= COST_AGAIN
         return away
 
-    def _spawn(self, t_ns: int, c: Rows) -> None:
-        """Begin a track for contacts that have none, the strongest first; give free slots to the oldest."""
-        for j in np.flatnonzero(c["track"] < 0)[: MAX_TRACKS - len(self._tracks)].tolist():
-            identity, number = self.last[0] + 1, self.last[1] % N_IDS + 1
-            while number in self._tracks["id"]:
-                number = number % N_IDS + 1
-            self.last = identity, number
-            c["track"][j] = len(self._tracks)
-            place = (int(c["link"][j]), int(c["patch"][j]), *c["z"][j].tolist())
-            self._put(KeptTrack(identity, number, -1, *place), c["r"][j], t_ns - int(c["age_ns"][j]))
-            self._tracks["state"][-1], self._tracks["row"][-1] = TOUCH, j
-        w = self._tracks
-        for i in np.flatnonzero((w["slot"] < 0) & (w["row"] >= 0)).tolist():
-            free = np.setdiff1d(self._slots, w["slot"])
-            if len(free):
-                w["slot"][i], w["state"][i] = free[0], TOUCH
+    def _distance(self, c: Rows, link: Ints, s: Floats, a: Floats) -> Floats:
+        """Return how far contacts are from places of links, m."""
+        ratio = 1.0 + self._taper[link] * (s - 0.5 * self._length[link]) / self._radius[link]
+        return np.asarray(np.hypot(c["z"][:, 0] - s, ratio * self._wrap(c["z"][:, 1] - a, link)))
 
-    def _put(self, track: KeptTrack, variance: Floats, t_ns: int) -> None:
-        """Begin a track where it was last seen, with variances of s, a and force; its speed is not known."""
-        t = np.zeros(1, TRACK)
-        for name, value in zip(KeptTrack._fields, track, strict=True):
+    def _wrap(self, a: Floats, link: Ints) -> Floats:
+        """Return a (m) on links within half a turn of 0."""
+        period = self._period[link]
+        return np.asarray(a - period * np.round(a / np.where(period > 0.0, period, 1.0)))
+
+    def _miss(self, k: int, c: Rows, away: Floats, t_ns: int, fresh: Bools) -> None:
+        """Decide for a track without a contact why that is, and whether it has ended."""
+        w, arm = self._tracks, self.arm
+        t, by, other = w[k], c["track"], w[c["track"]]
+        (s, a, force), unseen_ns = t["mean"][:, 0], t_ns - t["seen_ns"]
+        # a contact near and strong enough to be that of both; two that meet have both been there before
+        is_both = (by >= 0) & (away <= MERGE_REACH) & (other["born_ns"] <= t["seen_ns"])
+        is_both &= c["z"][:, 2] >= other["mean"][:, 2, 0] + MERGE_SHARE * force
+        t["is_hidden"] = is_both.any()
+        if t["is_hidden"]:
+            w["shared"][by[np.where(is_both, away, np.inf).argmin()]] = True
+        d = arm.links[t["link"]].surface.distance(arm.tactel_s, arm.tactel_a, s, a)
+        d = np.where((arm.tactel_link == t["link"]) & arm.tactel_healthy, d, np.inf)
+        is_read = fresh[t["patch"]] and fresh[arm.tactel_patch[d.argmin()]]
+        in_gap = t["moving"] and GAP[0] < (d / self._pitch).min() <= GAP[1]
+        is_over = t["missed"] > COAST_CYCLES and is_read and not (in_gap or t["is_hidden"])
+        t["state"] = LIFT if is_over or unseen_ns > self._blind_ns else COAST
+
+    def _take(self, c: Rows, dt: float, t_ns: int) -> None:
+        """Take in what tracks are seen as; correct the filters of those that do not share their contact."""
+        (i,) = np.nonzero(self._tracks["row"] >= 0)
+        t = self._tracks[i]
+        c = c[t["row"]]
+        t["s"], t["a"], t["force"] = c["z"].T
+        t["patch"], t["missed"], t["is_hidden"], t["seen_ns"] = c["patch"], 0, False, t_ns - c["age_ns"]
+        x, p, age = t["mean"], t["covariance"], 1e-9 * c["age_ns"][:, None]
+        off = c["z"] - x[..., 0] + age * x[..., 1]
+        off[:, 1] = self._wrap(off[:, 1], t["link"])
+        common = p[..., :2] - age[..., None] * p[..., 1:]  # of value and speed with what is seen
+        variance = common[..., 0] - age * common[..., 1] + c["r"]
+        is_off = (off**2 / variance)[:, :2].sum(axis=1) > GATE
+        takes = (dt > 0.0) & ~t["shared"]
+        gain = common / variance[..., None] * (takes & (~is_off | t["doubted"]))[:, None, None]
+        x += gain * off[..., None]
+        p -= gain[..., [0, 0, 1]] * common[..., [0, 1, 1]]
+        t["doubted"] = np.where(takes, is_off & ~t["doubted"], t["doubted"])
+        x[:, 1, 0] = self._wrap(x[:, 1, 0], t["link"])
+        least2 = np.maximum(SPEED_MOVE**2, 9.0 * p[:, :2, 2].max(axis=1))
+        t["moving"] = (x[:, :2, 1] ** 2).sum(axis=1) > np.where(t["moving"], SPEED_HELD**2, least2)
+        t["state"] = np.where(t["moving"], MOVE, HELD)
+        self._tracks[i] = t
+
+    def _spawn(self, c: Rows, t_ns: int) -> None:
+        """Begin a track for contacts that have none, the strongest first; give free slots to the oldest."""
+        n, (identity, last) = len(self._tracks), self.last
+        new = np.flatnonzero(c["track"] < 0)[: MAX_TRACKS - n]
+        if len(new):
+            ids = (last + np.arange(N_IDS)) % N_IDS + 1
+            ids = ids[~np.isin(ids, self._tracks["id"])][: len(new)]
+            identities = identity + 1 + np.arange(len(new))
+            self.last = int(identities[-1]), int(ids[-1])
+            own = {"identity": identities, "id": ids, "slot": -1, "state": TOUCH, "row": new}
+            place = {name: c[name][new] for name in ("link", "patch")}
+            self._put(t_ns - c["age_ns"][new], c["z"][new], c["r"][new], **own, **place)
+            c["track"][new] = n + np.arange(len(new))
+        w = self._tracks
+        (i,) = np.nonzero((w["slot"] < 0) & (w["row"] >= 0))
+        if len(i):
+            free = np.setdiff1d(self._slots, w["slot"])[: len(i)]
+            w["slot"][i[: len(free)]], w["state"][i[: len(free)]] = free, TOUCH
+
+    def _put(self, t_ns: Any, z: Floats, variance: Floats, **columns: Any) -> None:
+        """Begin tracks where they were seen last, with variances of s, a and force; no speed is known."""
+        t = np.zeros(len(z), TRACK)
+        for name, value in columns.items():
             t[name] = value
-        for name in _TIMES:
-            t[name] = t_ns
-        t["state"], t["row"] = HELD, -1
-        t["mean"][0, :, 0] = track.s, track.a, track.force
-        t["covariance"][0, :, 0], t["covariance"][0, :2, 2] = variance, SIGMA_SPEED**2
+        t["born_ns"] = t["seen_ns"] = t_ns
+        t["s"], t["a"], t["force"] = z.T
+        t["mean"][:, :, 0], t["covariance"][:, :, 0], t["covariance"][:, :2, 2] = z, variance, SIGMA_SPEED**2
         self._tracks = np.append(self._tracks, t)
 
-    def _miss(self, i: int, c: Rows, away: Floats, t_ns: int, fresh: Bools) -> None:
-        """Decide for a track without a contact why that is, and whether it has ended."""
-        w, arm, t = self._tracks, self.arm, self._tracks[i]
-        unseen_ns, x = t_ns - t.seen_ns, t["mean"][:, 0]
-        if unseen_ns > self._blind_ns:
-            t.state = LIFT
-            return
-        t.is_hidden, t.state = False, COAST
-        surface = arm.links[t.link].surface
-        # a contact near and strong enough to be that of both; two that meet have both been there before
-        j = np.flatnonzero((c["track"] >= 0) & (away[i] <= MERGE_REACH))
-        others = w[c["track"][j]]
-        is_both = c["z"][j, 2] >= others["mean"][:, 2, 0] + MERGE_SHARE * x[2]
-        j = j[is_both & (others["born_ns"] <= t.seen_ns)]
-        if len(j) and unseen_ns <= MERGE_NS:
-            t.is_hidden = w["shared"][c["track"][j[away[i, j].argmin()]]] = True
-            return
-        d = surface.distance(arm.tactel_s, arm.tactel_a, x[0], x[1])
-        d = np.where(arm.tactel_link == t.link, d, np.inf)
-        here = arm.tactel_patch[d.argmin()]
-        nearest = (d / self._pitch)[arm.tactel_healthy].min(initial=np.inf)
-        is_blind = (t.moving and GAP[0] < nearest <= GAP[1]) or not (fresh[t.patch] and fresh[here])
-        if t.missed > COAST_CYCLES and not is_blind:
-            t.state = LIFT
 
-
-def _variance(kind: Floats, force: npt.ArrayLike) -> Floats:
-    """Return the variances of s, a and force at forces, N."""
-    return np.asarray((kind[0] + kind[1] * force) ** 2)
-
-
-@kernel
-def _price(
-    tracks: Rows,
-    contacts: Rows,
-    surface: Floats,
-    away: Floats,
-    cost: Floats,
-    dt: float,
-    t_ns: int,
-    longest_ns: int,
-) -> None:
-    """Carry the tracks on by dt (s); write how far off contacts are, m, and what it costs to pair them."""
-    for i in range(len(tracks)):
-        t = tracks[i]
-        x, on = t["mean"], surface_of(surface, t.link)
-        _predict(x, t["covariance"], dt)
-        x[1, 0] = wrap(x[1, 0], on.period)
-        for j in range(len(contacts)):
-            c = contacts[j]
-            if c.link == t.link and t_ns - t.seen_ns <= longest_ns:
-                age = 1e-9 * c.age_ns
-                away[i, j] = distance(on, x[0, 0] - age * x[0, 1], x[1, 0] - age * x[1, 1], c.z[0], c.z[1])
-    for j in range(len(contacts)):
-        near, c = 0, contacts[j]
-        for i in range(len(tracks)):
-            near += away[i, j] <= CROWD
-        if near > 1:  # errors of contacts that are near others are common, and no covariance says so
-            c.is_crowded = True
-            c.r[0] += SIGMA_CROWD**2
-            c.r[1] += SIGMA_CROWD**2
-            c.r[2] += (FORCE_CROWD * c.z[2]) ** 2
-        for i in range(len(tracks)):
-            if away[i, j] < np.inf:
-                cost[i, j] = _pair_cost(tracks[i], c, surface_of(surface, c.link), away[i, j], t_ns)
-
-
-@kernel
-def _take(tracks: Rows, contacts: Rows, surface: Floats, dt: float, t_ns: int) -> None:
-    """Take in what tracks are seen as; correct the filters of those that do not share their contact."""
-    for i in range(len(tracks)):
-        t = tracks[i]
-        if t.row < 0:
-            continue
-        c, x, P = contacts[t.row], t["mean"], t["covariance"]
-        t.s, t.a, t.force = c.z[0], c.z[1], c.z[2]
-        t.patch, t.missed, t.is_hidden, t.seen_ns = c.patch, 0, False, t_ns - c.age_ns
-        if dt > 0.0 and not t.shared:
-            _correct(t, c, surface_of(surface, t.link), t_ns)
-        noise2 = max(P[0, 2], P[1, 2])
-        least2 = SPEED_HELD**2 if t.moving else max(SPEED_MOVE**2, 9.0 * noise2)
-        t.moving = x[0, 1] ** 2 + x[1, 1] ** 2 > least2
-        t.state = MOVE if t.moving else HELD
-
-
-@inner_kernel
-def _predict(x: Floats, P: Floats, dt: float) -> None:
-    """Carry a filter on by dt, s."""
-    for k in range(3):
-        p, q = P[k], ACCELERATION[k] * dt
-        x[k, 0] += dt * x[k, 1]
-        p[0] += dt * (2.0 * p[1] + dt * (p[2] + q / 3.0) + WALK[k])
-        p[1] += dt * (p[2] + 0.5 * q)
-        p[2] += q
-
-
-@inner_kernel
-def _off_line(t: Any, c: Any, on: LinkSurface, slack: float) -> tuple[float, float]:
-    """Return the normalised square of how far a contact is off a track, and the determinant, m^4.
-
-    slack: more of a place error, m
-    """
-    d2, det = 0.0, 1.0
-    for k in range(2):
-        off, _, _, variance = _seen(t, c, on, k)
-        variance += slack * slack
-        d2 += off * off / variance
-        det *= variance
-    return d2, det
-
-
-@inner_kernel
-def _seen(t: Any, c: Any, on: LinkSurface, k: int) -> tuple[float, float, float, float]:
-    """Return how far a contact is off a track in s (0), a (1) or force (2) when it was sampled; m, N.
-
-    Then the covariances of the value and its speed with that, and its variance.
-    """
-    x, p, age = t["mean"][k], t["covariance"][k], 1e-9 * c.age_ns
-    off = c.z[k] - x[0] + age * x[1]
-    with_value, with_speed = p[0] - age * p[1], p[1] - age * p[2]
-    variance = with_value - age * with_speed + c.r[k]
-    return wrap(off, on.period) if k == 1 else off, with_value, with_speed, variance
-
-
-@inner_kernel
-def _correct(t: Any, c: Any, on: LinkSurface, t_ns: int) -> None:
-    """Correct the filter of a track by a contact, unless it is the first that is off its line."""
-    x, P = t["mean"], t["covariance"]
-    d2, _ = _off_line(t, c, on, 0.0)
-    is_off = d2 > GATE and not c.is_crowded
-    if is_off and not t.doubted:  # a contact at a seam may be wrong by more than it says: wait for the next
-        t.doubted = True
-        return
-    t.doubted = False
-    t.updated_ns = t_ns
-    for k in range(3):
-        p = P[k]
-        for m in range(3):  # a manoeuvre: forget the past in the measure that it was wrong
-            p[m] *= d2 / GATE if is_off else 1.0
-        off, with_value, with_speed, variance = _seen(t, c, on, k)
-        x[k, 0] += with_value / variance * off
-        x[k, 1] += with_speed / variance * off
-        p[0] -= with_value * with_value / variance
-        p[1] -= with_value * with_speed / variance
-        p[2] -= with_speed * with_speed / variance
-    x[1, 0] = wrap(x[1, 0], on.period)
-
-
-@inner_kernel
-def _pair_cost(t: Any, c: Any, on: LinkSurface, away: float, t_ns: int) -> float:
-    """Return what it costs to take a contact that is so far away (m) for a track, COST_NONE at most."""
-    slack = min(MANOEUVRE * 1e-9 * (t_ns - t.updated_ns), MANOEUVRE_MOST)
-    d2, det = _off_line(t, c, on, slack)
-    if d2 <= GATE and away <= REACH:
-        off, _, _, variance = _seen(t, c, on, 2)
-        cost = d2 + min(off * off / variance, FORCE_MOST) + math.log(det * 1e12)  # mm^2
-        return float(cost + COST_HIDDEN) if t.is_hidden else float(cost)
-    if not t.is_hidden:
-        away = min(away, distance(on, t.s, t.a, c.z[0], c.z[1]))
-    return COST_AGAIN + 100.0 * away if away < AGAIN_REACH else COST_NONE
+def _usable(contacts: Contacts) -> Rows:
+    """Return the contacts that can be used, the strongest first, in whatever order they come."""
+    z = np.stack([contacts.s, contacts.a, contacts.force], axis=-1)
+    is_usable = (np.abs(z) < FAR).all(axis=1) & (z[:, 2] >= 0.0)  # false for NaN
+    order = np.lexsort((z[:, 1], z[:, 0], contacts.link, -z[:, 2]))
+    rows = order[is_usable[order]][:MAX_TRACKS]
+    c = np.zeros(len(rows), CONTACT)
+    c["link"], c["patch"] = contacts.link[rows], contacts.patch[rows]
+    c["row"], c["track"], c["z"] = rows, -1, z[rows]
+    variance = contacts.covariance[rows].diagonal(axis1=1, axis2=2)
+    is_known = ((variance > 0.0) & (variance < np.inf)).all(axis=1, keepdims=True)
+    c["r"] = np.clip(np.where(is_known, variance, UNKNOWN), LEAST, MOST)
+    return c
