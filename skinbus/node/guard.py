@@ -75,18 +75,13 @@ class GuardService(Part):
             self._limits, self._state, self._tripped_by = None, GuardState(0), 0
             self.tick()
 
-    def enter(self) -> None:
-        """Follow the NMT state."""
-        if self._is_there:
-            self.tick()
-
     def sampled(self, age_ns: int) -> None:
         """Have the readings in the image compared with the next step; they are a new sample, so old."""
         self._age_ns = age_ns
         self.wake_ns = 0
 
     def tick(self) -> None:
-        """Compare a new sample, and say what has changed."""
+        """Follow the NMT state, compare a new sample, and say what has changed."""
         now_ns, limits = self.context.now_ns, self._limits
         if self._age_ns is not None:
             self._sampled_ns, self._age_ns, self._is_new = now_ns - self._age_ns, None, True

@@ -6,6 +6,7 @@ import pytest
 from skinbus.can.frame import Frame
 from skinbus.node import Device, PatchHost, Sample
 from skinbus.objects.eds import load_eds
+from skinbus.objects.guard import GFC_ID, GuardLimits
 
 MS = 1_000_000
 PERIOD_MS = 20
@@ -42,6 +43,21 @@ class Rig:
             else:
                 said[node_id] += np.frombuffer(frame.data, "<i2").tolist()
         return said, errors
+
+    def pass_ms(self, ms):
+        for _ in range(ms):
+            self.now_ns += MS
+            self.host.step(self.now_ns)
+
+    def guard(self, *patches):
+        """Give patches limits of 1000 counts for each tactel."""
+        limits = GuardLimits(1, 1, 2**31 - 1, np.full(16, 1000), np.zeros(16, int))
+        for i in patches:
+            self.host.devices[i].set(0x2081, 0, limits.encode())
+            self.host.wake(i, self.now_ns)
+
+    def states(self):
+        return [device.get(0x2080, 1) for device in self.host.devices]
 
     def set(self, patch, tactels, healthy):
         self.healthy = self.healthy.copy()
@@ -159,3 +175,53 @@ def test_deaf_node_receives_nothing_and_is_there_again_afterwards(rig):
     assert [len(said[n]) for n in (1, 2, 3)] == [16, 0, 16]
     rig.host.deaf = frozenset()
     assert len(rig.sync()[0][2]) == 16
+
+
+def test_source_is_asked_between_syncs_only_while_a_patch_guards(rig):
+    rig.host.devices[0].set(0x1808, 1, 0x40000501)  # its state is on no SYNC, but no reading
+    before = rig.n_asked
+    rig.pass_ms(10)
+    assert rig.n_asked == before
+    rig.guard(1)
+    rig.pass_ms(10)
+    assert rig.n_asked >= before + 9
+    assert rig.states() == [0, 1, 0]
+    rig.hear(Frame(0x000, b"\x80\x02"))
+    before = rig.n_asked
+    rig.pass_ms(10)
+    assert rig.n_asked == before
+
+
+def test_patches_that_trip_together_send_one_command_before_all_else(rig):
+    rig.guard(0, 1, 2)
+    rig.pass_ms(3)
+    rig.counts = np.full((3, 16), 1001, np.int32)
+    rig.now_ns += MS
+    ids = [frame.can_id for frame in rig.hear(Frame(0x080))]
+    assert ids[0] == GFC_ID
+    assert ids.count(GFC_ID) == 1
+    assert {0x081, 0x082, 0x083, 0x181, 0x483} <= set(ids)
+    assert rig.states() == [3, 3, 3]
+
+
+def test_patch_without_a_source_is_not_armed(rig):
+    rig.guard(0, 1)
+    rig.pass_ms(3)
+    rig.set(0, slice(None), False)
+    rig.set(1, 3, False)
+    rig.pass_ms(1)
+    assert rig.states() == [0, 0, 0]
+
+
+def test_patch_that_begins_to_guard_puts_off_no_sample_of_the_others(rig):
+    rig.guard(0)
+    rig.pass_ms(2)
+    asked = [rig.n_asked]
+    for k in range(20):
+        rig.guard(1)
+        rig.pass_ms(1)
+        if k % 2:
+            rig.hear(Frame(0x000, b"\x80\x02"))
+            rig.hear(Frame(0x000, b"\x01\x02"))
+        asked.append(rig.n_asked)
+    assert min(np.diff(asked)) >= 1
