@@ -22,13 +22,14 @@ Out of band: nothing pulls a skin, so readings below the zero band are no zero a
 at the edge of its band one. The tactel is ``out``, and no reading of it is used, until it reads within its
 band again.
 
-Down: readings below the zero for half a second become the zero at once, if they are in the band. They may
-come back: the zero is as uncertain as it has moved.
+Down: after readings below the zero for half a second, in the band, the zero is as uncertain as they are below
+it, and so follows them in another half.
 
 Long touches: what remains on a patch is no touch if drift explains it on every tactel for half a second, here
-and on the touched patches beside it: within 3 standard deviations of zeros that have moved on their own, and
-together. It becomes the zero then. So a light touch that lasts is a zero after the time in which a third of
-it is drift: 2 kPa after five minutes at the usual drift, 300 Pa in a minute.
+and on the touched patches beside it: within 3 standard deviations of its zero. It becomes the zero then. So
+a light touch that lasts is a zero after the time in which a third of it is drift: 2 kPa after five minutes at
+the usual drift, 300 Pa in a minute. A board that drifts further under a touch, all of it together, stays
+touched until somebody calls :meth:`Baseline.zero`.
 
 Creep: what has pressed for a second or more leaves up to a tenth of itself in the cover, for seconds. That is
 no zero, above or below, it goes again, and a light touch looks the same: it stays a touch, and ``felt.creep``

@@ -19,7 +19,7 @@ from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.system import load_arm
-from skinbus.estimate.calibration import Calibration, GateFinding, Judgement, judge
+from skinbus.estimate.calibration import Calibration, Judgement, judge
 from skinbus.estimate.calibration.gate import GOOD, MAX_ERROR_M, SAME
 from skinbus.estimate.calibration.table import kind_of, tables_of
 from skinbus.model import Arm, PlacedPatch
@@ -122,8 +122,11 @@ def report(judged: Judgement, lines: Ints) -> Iterator[str]:
         law, unit = learned.law, "1 N" if is_known else "these presses"
         yield f"{learned.n_readings} readings used, {'converged' if learned.converged else 'NOT converged'}"
         yield f"law: {law.table[0] / 1e3:.4g} kPa at the peak of {unit}, misfit {100 * law.misfit:.1f} %"
-    for note in judged.notes:
-        yield f"note: {_sentence(note, lines)}"
+    yield from (f"note: {note}" for note in judged.notes)
+    if len(judged.outliers):
+        runs = span(lines[judged.outliers].tolist()).split(", ")
+        more = " and others" if len(runs) > MANY else ""
+        yield f"left out, because they do not go with the others: line {', '.join(runs[:MANY])}{more}"
     place = judged.place_error
     before = np.nan if judged.shipped is None else judged.shipped.place(judged.kept)
     if np.isfinite(place):
@@ -133,7 +136,7 @@ def report(judged: Judgement, lines: Ints) -> Iterator[str]:
             f"with the law that boards have {1e3 * before:.2f} mm"
         )
     if judged.faults:
-        yield "\n  ".join(["refused:", *(_sentence(finding, lines) for finding in judged.faults)])
+        yield "\n  ".join(["refused:", *judged.faults])
     elif before * (SAME if is_known else 1.0 / WORTH) < place:
         units = "" if is_known else " and not in newtons"
         yield (
@@ -148,15 +151,6 @@ def report(judged: Judgement, lines: Ints) -> Iterator[str]:
             yield "forces will not be in newtons: 1 is the force of these presses, which is not known"
         if not (is_known and is_good):
             yield BETTER
-
-
-def _sentence(finding: GateFinding, lines: Ints) -> str:
-    """Return a finding with the lines of the file that it is about."""
-    if not finding.rows:
-        return finding.what
-    runs = span(lines[list(finding.rows)].tolist()).split(", ")
-    more = " and others" if len(runs) > MANY else ""
-    return f"{finding.what}: line{'s' if len(finding.rows) > 1 else ''} {', '.join(runs[:MANY])}{more}"
 
 
 def boards_of(

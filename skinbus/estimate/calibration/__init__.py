@@ -11,15 +11,14 @@ from typing import TYPE_CHECKING
 from skinbus.lazy import at_first_use
 
 if TYPE_CHECKING:
-    from skinbus.estimate.calibration.gate import GateFinding, Judgement, judge
+    from skinbus.estimate.calibration.gate import Judgement, judge
     from skinbus.estimate.calibration.learning import Calibration, learn_radial_law
     from skinbus.estimate.calibration.table import PressTable
 
-__all__ = ["Calibration", "GateFinding", "Judgement", "PressTable", "judge", "learn_radial_law"]
+__all__ = ["Calibration", "Judgement", "PressTable", "judge", "learn_radial_law"]
 
 _HOME = {
     "Calibration": "skinbus.estimate.calibration.learning",
-    "GateFinding": "skinbus.estimate.calibration.gate",
     "Judgement": "skinbus.estimate.calibration.gate",
     "PressTable": "skinbus.estimate.calibration.table",
     "judge": "skinbus.estimate.calibration.gate",

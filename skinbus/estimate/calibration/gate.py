@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -76,19 +75,12 @@ FORCES = {
 """Factors between the force of readings and force_n that such mistakes make."""
 
 
-class GateFinding(NamedTuple):
-    """One thing that was found, a sentence, and the rows of the table that it is about."""
-
-    what: str
-    rows: tuple[int, ...] = ()
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Judgement:
     """What came of presses of one kind of board.
 
     calibration  what was learned, without the outliers; None where nothing could be
-    faults       why it must not be used
+    faults       why it must not be used, sentences
     notes        what is worth to know otherwise
     outliers     (n,) rows that were left out
     errors       estimates of presses that the calibration was not made from; None where faults precede it
@@ -97,8 +89,8 @@ class Judgement:
 
     table: PressTable
     calibration: Calibration | None
-    faults: tuple[GateFinding, ...]
-    notes: tuple[GateFinding, ...] = ()
+    faults: list[str]
+    notes: list[str]
     outliers: Ints
     errors: HeldOutErrors | None = None
     shipped: HeldOutErrors | None = None
@@ -142,7 +134,6 @@ def judge(table: PressTable) -> Judgement:
         more = _astray(table, errors)
         out |= more
     outliers = np.flatnonzero(out)
-    left_out = (GateFinding("left out, because they do not go with the others", tuple(outliers.tolist())),)
     if errors is not None:
         if len(outliers) > MAX_OUTLIERS * n:
             faults.append(f"{len(outliers)} of {n} presses do not go with the others")
@@ -155,8 +146,8 @@ def judge(table: PressTable) -> Judgement:
     return Judgement(
         table=table,
         calibration=learned,
-        faults=tuple(map(GateFinding, faults)),
-        notes=(*map(GateFinding, notes), *left_out * (len(outliers) > 0)),
+        faults=faults,
+        notes=notes,
         outliers=outliers,
         errors=errors,
         shipped=shipped,

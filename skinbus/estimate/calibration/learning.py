@@ -176,7 +176,7 @@ def learn_radial_law(
         fit.improve(choose=k < ROUNDS, move=k >= SETTLED and place_sd > 0.0)
         if k < ROUNDS:
             if k >= SETTLED:
-                fit.find_outliers(fit.residuals)
+                fit.find_outliers()
             fit.find_variances(fit.residuals)
         change = np.abs(fit.prediction - before).max()
         converged = bool(change < TOLERANCE * np.abs(fit.prediction).max())
@@ -385,13 +385,13 @@ class _Fit:
         """Return the misfit at distances d (m), per unit of effective force; (...,) Pa."""
         return np.asarray(np.interp(d / REACH * BINS - 0.5, np.arange(BINS), self._misfit_profile))
 
-    def find_outliers(self, left: Floats) -> None:
-        """Leave out the presses whose residuals (Pa) deviate far more than those of the others."""
-        z2 = left**2 / (self.variance + self._unmatched**2)
-        count, total = self.presses.sum @ np.ones(len(z2)), self.presses.sum @ z2
-        seen, score = count > 0.0, np.sqrt(total / np.maximum(count, 1.0))
-        usual, worst = np.median(score[seen]), np.quantile(score[seen], 1.0 - OUTLIER_SHARE)
-        self.outlier = seen & (score > max(OUTLIER * usual, OUTLIER, worst))
+    def find_outliers(self) -> None:
+        """Leave out the presses whose residuals deviate far more than those of the others."""
+        z2 = self.residuals**2 / (self.variance + self._unmatched**2)
+        score = np.sqrt(self.presses.sum @ z2 / np.maximum(self.presses.sum @ np.ones(len(z2)), 1.0))
+        seen = score[self.presses.known]
+        worst = np.quantile(seen, 1.0 - OUTLIER_SHARE)
+        self.outlier = score > max(OUTLIER * np.median(seen), OUTLIER, worst)
 
     def find_maps(self, arm: Arm) -> Floats | None:
         """Return maps (n_tactels, n, n) of what the law leaves, per unit of effective force, if any.

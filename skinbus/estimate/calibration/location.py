@@ -101,15 +101,14 @@ class Pose(NamedTuple):
 
 def fit_pose(felt: Places, said: Places, sd: Floats) -> Pose:
     """Return the pose by which places ``felt`` are those ``said``, x + iy (n,) m, but for sd (n,) m."""
-    pose, best = np.zeros(3), math.inf
-    for turn in TURNS if len(felt) else ():
-        off = said - np.exp(1j * turn) * felt
-        shift = complex(np.median(off.real), np.median(off.imag))
-        score = float(np.minimum((np.abs(off - shift) / sd) ** 2, OUTLIER**2).sum())
+    pose = np.zeros(3)
+    if len(felt):
+        off = said - np.exp(1j * TURNS)[:, None] * felt
+        shift = np.median(off.real, axis=1) + 1j * np.median(off.imag, axis=1)
+        score = np.minimum((np.abs(off - shift[:, None]) / sd) ** 2, OUTLIER**2).sum(axis=1)
         # of turns that fit alike, as when all presses are at one place, the smaller one
-        score += min((turn / PRIOR_SD[2]) ** 2, OUTLIER**2)
-        if score < best:
-            pose, best = np.array([shift.real, shift.imag, turn]), score
+        best = int((score + np.minimum((TURNS / PRIOR_SD[2]) ** 2, OUTLIER**2)).argmin())
+        pose[:] = shift[best].real, shift[best].imag, TURNS[best]
     # the prior is about the file; where another way to mount fits, about that, which is reported
     centre, kept = pose * [0.0, 0.0, abs(pose[2]) > TURNED], np.ones(len(felt), np.bool_)
 
