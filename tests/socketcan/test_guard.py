@@ -1,4 +1,4 @@
-"""The guard beside patches and a master on a real interface: a press and a dead master stop the robot."""
+"""The guard beside patches and a master on a real interface: what stops the robot, and its own end."""
 
 import signal
 
@@ -19,8 +19,15 @@ source = "a test"
 """
 
 
-@pytest.mark.parametrize("fault", ["press", "kill"])
-def test_a_press_and_a_dead_master_run_the_command(start, make_channel, tmp_path, fault):
+REASONS = {
+    "press": "GFC",
+    "master is killed": "master silent",
+    "guard is terminated": "the guard was asked to end",
+}
+
+
+@pytest.mark.parametrize("fault", REASONS)
+def test_a_press_a_dead_master_and_its_own_end_run_the_command(start, make_channel, tmp_path, fault):
     arm, scene = tmp_path / "pad.toml", tmp_path / "scene.toml"
     # at rates that a busy machine can follow
     board, text = (EDS / "skin-patch.eds").read_text(), find_arm("pad").read_text()
@@ -31,7 +38,7 @@ def test_a_press_and_a_dead_master_run_the_command(start, make_channel, tmp_path
     begin_s = 10.0 if fault == "press" else 90_000.0
     text = PRESS.format(arm=arm, link="plate").replace("start_s = 0.0", f"start_s = {begin_s}")
     scene.write_text(text.replace("force_n = 5.0", "force_n = 10.0"))
-    reason = "guard-stop, GFC" if fault == "press" else "guard-stop, master silent"
+    reason = f"guard-stop, {REASONS[fault]}"
 
     def attempt():
         """What the guard says until the command has run."""
@@ -40,20 +47,23 @@ def test_a_press_and_a_dead_master_run_the_command(start, make_channel, tmp_path
         sim = start("sim", str(scene), "--channel", channel)
         guard = start("guard", str(arm), "--channel", channel, "--stop", f"command:touch {done}")
         run = start("run", str(arm), "--channel", channel, "--quiet")
-        said = ""
+        said, to_end = "", [guard, run, sim]
         for line in guard.stdout:
             said += line
             if line.strip().endswith(" guarding"):
                 assert not done.exists()
-                if fault == "kill":
+                if fault == "master is killed":
                     run.kill()
+                if fault == "guard is terminated":
+                    to_end.remove(guard)  # a second signal would interrupt its end
+                    guard.send_signal(signal.SIGTERM)
             if line.startswith("done: "):
                 break
         assert done.exists(), said
-        for process in (guard, run, sim):
+        for process in to_end:
             process.send_signal(signal.SIGINT)
         said += guard.communicate(timeout=PATIENCE_S)[0]
-        assert guard.returncode == 1, said
+        assert guard.returncode == (reason not in said or fault != "guard is terminated"), said
         for process in (run, sim):
             process.communicate(timeout=PATIENCE_S)
         return said
