@@ -198,7 +198,7 @@ class Device(Core):
         self._tpdo.withhold(is_stopped)
 
     def sampled(self, age_ns: int) -> None:
-        """Have the guard compare the readings in the image, a new sample of that age, with the next step."""
+        """Have the guard compare the readings in the image, of that age, if they are a new sample."""
         self._guard.sampled(age_ns)
 
     def transmit_tpdo(self, number: int) -> bool:

@@ -76,7 +76,7 @@ class GuardService(Part):
             self.tick()
 
     def sampled(self, age_ns: int) -> None:
-        """Have the readings in the image compared with the next step; they are a new sample, so old."""
+        """Have the readings in the image, which are so old, compared with the next step if they are new."""
         self._age_ns = age_ns
         self.wake_ns = 0
 
@@ -84,7 +84,9 @@ class GuardService(Part):
         """Follow the NMT state, compare a new sample, and say what has changed."""
         now_ns, limits = self.context.now_ns, self._limits
         if self._age_ns is not None:
-            self._sampled_ns, self._age_ns, self._is_new = now_ns - self._age_ns, None, True
+            sampled_ns, self._age_ns = now_ns - self._age_ns, None
+            self._is_new |= sampled_ns != self._sampled_ns
+            self._sampled_ns = sampled_ns
         self.is_active = limits is not None and self.context.state is NmtState.OPERATIONAL
         self.wake_ns, is_armed = NEVER, False
         if limits is not None and self.is_active:

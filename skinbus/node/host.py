@@ -83,7 +83,7 @@ class PatchHost(Core):
             for device in devices
         ]
         """Where the TPDOs of each patch find the age of its sample."""
-        self._age = np.zeros(len(devices), np.int64)
+        self._age = self._since_ns = np.zeros(len(devices), np.int64)
         self._cleared = [0] * len(devices)
         """Bits of "Healthy tactels" that were set and are not now."""
         for i, device in enumerate(devices):
@@ -95,8 +95,6 @@ class PatchHost(Core):
         self._heard: list[CobIds] = [frozenset()] * len(devices)
         self._scanned: set[int] = set()
         """Devices that run freely or guard."""
-        self._compared_ns = [-1] * len(devices)
-        """When the last sample was taken that the guard of each has seen."""
         self._scan_ns = NEVER
         self._cob_ids = frozenset({SYNC_ID})
         self.is_on = False
@@ -141,8 +139,9 @@ class PatchHost(Core):
             if self._wake_ns[i] == wake_ns:
                 self._wake_ns[i] = NEVER
                 self._step(i, now_ns, (), out, events)
-        if self._scanned:
-            out = _stops_first(out)
+        if self._scanned:  # equal frames of many patches are one on a wire
+            stops = [frame for frame in out if frame.can_id == GFC_ID]
+            out = stops[:1] + [frame for frame in out if frame.can_id != GFC_ID]
         return Step(out, events, self.wake_ns)
 
     @property
@@ -167,20 +166,19 @@ class PatchHost(Core):
         """Step the devices that run freely or guard and have something new."""
         self._scan_ns = now_ns + SCAN_NS
         changed = self._show(now_ns)
-        sampled_ns = self._shown.t_ns.tolist() if self._shown else []
         for i in sorted(self._scanned):
-            is_new = self.devices[i].guards and sampled_ns[i] != self._compared_ns[i]
-            if is_new:
-                self._compared_ns[i] = sampled_ns[i]
-                self.devices[i].sampled(now_ns - sampled_ns[i])
-            if is_new or i in changed:
-                self._step(i, now_ns, (), out, events)
+            if self.devices[i].guards:
+                self.devices[i].sampled(int(self._since_ns[i]))
+            elif i not in changed:
+                continue
+            self._step(i, now_ns, (), out, events)
 
     def _show(self, now_ns: int) -> list[int]:
         """Put the newest readings where the TPDOs find them; return which devices have others than before."""
         shown, sample = self._shown, self._source(now_ns)
         self._shown = sample
-        age = np.clip((now_ns - sample.t_ns) // AGE_STEP_NS, 0, 0xFFFF)
+        self._since_ns = now_ns - sample.t_ns
+        age = np.clip(self._since_ns // AGE_STEP_NS, 0, 0xFFFF)
         for i in np.flatnonzero(age != self._age).tolist():
             if (view := self._ages[i]) is not None:
                 view[0] = age[i]
@@ -251,9 +249,3 @@ class PatchHost(Core):
                 listeners.setdefault(cob_id, []).append(i)
         self._listeners = listeners
         self._cob_ids = frozenset(listeners) | {SYNC_ID}
-
-
-def _stops_first(frames: list[Frame]) -> list[Frame]:
-    """Return frames with the global fail-safe command first: equal ones of many patches are one on a wire."""
-    stops = [frame for frame in frames if frame.can_id == GFC_ID]
-    return [*stops[:1], *(frame for frame in frames if frame.can_id != GFC_ID)] if stops else frames
