@@ -3,7 +3,7 @@
 
 enum { ARMED = 1, TRIPPED = 2 };
 enum { STATE = 1, TRIPPED_BY = 2, PERIOD = 4 };
-enum { NEEDED = 0, OF = 1, SUM = 2, LIMITS = 6, WEIGHTS = LIMITS + 2 * SB_N_TACTELS, CRC = WEIGHTS + 2 * SB_N_TACTELS };
+enum { NEEDED = 0, OF = 1, SUM = 2, LIMITS = 6, WEIGHTS = LIMITS + 2 * SB_N_TACTELS, CRC = SB_GUARD_ROOM - 2 };
 #define ACKNOWLEDGE 0x6E6B6361u
 #define NO_LIMIT 0x7FFF
 #define MAX_WEIGHT 1023u /* so that the sum fits 32 bits */
@@ -102,5 +102,6 @@ void sb_guard_compare(struct sb_board *b)
         sb_error(b, ERROR_GUARD, 0, who);
         sb_emcy_tick(b);
     }
-    say(b, (was & TRIPPED) | (is_trip ? TRIPPED : 0) | is_armed, is_trip ? who[0] : sb_get(b, SB_GUARD, TRIPPED_BY));
+    const uint32_t tripped_by = is_trip ? who[0] : sb_get(b, SB_GUARD, TRIPPED_BY);
+    say(b, (was & TRIPPED) | (is_trip ? TRIPPED : 0) | is_armed, tripped_by);
 }

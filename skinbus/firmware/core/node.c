@@ -13,10 +13,7 @@ static bool has_emcy(uint8_t state)
 
 bool sb_send(struct sb_board *b, uint32_t id, const uint8_t *data, uint8_t n, bool urgent)
 {
-    struct sb_frame frame;
-    memset(&frame, 0, sizeof frame);
-    frame.id = (uint16_t)(id & 0x7FF);
-    frame.length = n;
+    struct sb_frame frame = {.id = (uint16_t)(id & 0x7FF), .length = n};
     memcpy(frame.data, data, n);
     return can_send(b, &frame, urgent);
 }

@@ -71,8 +71,8 @@ bool sb_set(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data
     return true;
 }
 
-/* Put defaults where the bus can write or the node-ID counts; all else is the device's own and stays. Limits of the
- * guard are no parameter: they go with every reset. */
+/* Put defaults where the bus can write or the node-ID counts; all else is the device's own and stays.
+ * Limits of the guard are no parameter: they go with every reset. */
 void sb_load_defaults(struct sb_board *b, bool is_application)
 {
     for (const struct sb_run *run = sb_runs; run < sb_runs + SB_N_RUNS; run++) {

@@ -164,7 +164,7 @@ static bool is_worth_telling(const struct sb_board *b, uint8_t sub)
            (select & LOWER && value <= (int32_t)sb_get(b, 0x6425, sub));
 }
 
-/* Take a sample when it is time, for the guard and for events; ask for every TPDO with a reading worth telling. */
+/* Take a sample when it is time, for the guard and for events; ask for the TPDOs with a reading worth telling. */
 uint64_t sb_scan_tick(struct sb_board *b)
 {
     bool is_watching = false;

@@ -1,7 +1,7 @@
 /* A stop relay, in place of a board: its output is closed while all guarded patches are armed. Not certified.
  *
- * GFC, a patch that is not exactly armed and one that is silent for too long open it; then it stays open until the
- * supply was off. The other files of the core are not needed.
+ * GFC, a patch that is not exactly armed and one that is silent for too long open it; then it stays open until
+ * the supply was off. The other files of the core are not needed.
  */
 #include <string.h>
 

@@ -25,7 +25,8 @@
 
 enum { SB_READ = 1, SB_WRITE = 2, SB_MAP_TX = 4, SB_MAP_RX = 8, SB_RELATIVE = 16 /* to the node-ID */ };
 enum { SB_SIGNED = 32, SB_BOOLEAN = 64, SB_REAL = 128 };
-enum { SB_VERIFIED = 256 /* is in the checksum */, SB_COMMUNICATION = 512, SB_APPLICATION = 1024, SB_MANUFACTURER = 2048 };
+enum { SB_VERIFIED = 256 /* is in the checksum */ };
+enum { SB_COMMUNICATION = 512, SB_APPLICATION = 1024, SB_MANUFACTURER = 2048 }; /* what it is stored with */
 enum { SB_PARAMETER = SB_COMMUNICATION | SB_APPLICATION | SB_MANUFACTURER /* is stored */, SB_LSS_GROUP = 4096 };
 
 struct sb_run { /* consecutive sub-indices of one kind */

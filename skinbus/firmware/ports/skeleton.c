@@ -10,10 +10,9 @@ static struct sb_board board;
 bool can_send(struct sb_board *b, const struct sb_frame *frame, bool urgent)
 {
     /* Put the frame into a free mailbox or a queue of yours, or return false: a SYNC asks for all TPDOs at once.
-     * Keep one mailbox for urgent frames, and one for SB_GFC, which is urgent and must win. All others go out in the order of the calls, or readings overtake each
-     * other. If frame->expires, take it out of queue and mailbox when micros() passes frame->t_us. SB_FD: a frame
-     * of CAN FD with a bit rate switch. */
-    (void)b, (void)frame, (void)urgent;
+     * Keep one mailbox for urgent frames, and one for SB_GFC, which is urgent and must win. All others go out in the
+     * order of the calls, or readings overtake each other. If frame->expires, take it out of queue and mailbox when
+     * micros() passes frame->t_us. SB_FD: a frame of CAN FD with a bit rate switch. */
     return false;
 }
 
@@ -21,14 +20,12 @@ bool can_receive(struct sb_board *b, struct sb_frame *frame)
 {
     /* Take the oldest frame out of the controller: 11-bit identifiers only, remote frames with SB_REMOTE.
      * frame->t_us is micros() at its last bit, taken in the interrupt, and never 0. */
-    (void)b, (void)frame;
     return false;
 }
 
 uint32_t micros(struct sb_board *b)
 {
     /* A timer of 1 us that wraps around at 32 bits. */
-    (void)b;
     return 0;
 }
 
@@ -38,7 +35,6 @@ uint8_t sample(struct sb_board *b, int16_t readings[SB_N_TACTELS], uint16_t *age
      * with 8-bit readings raw >> 5. Tactel k of the EDS is readings[k - 1]. Return SB_UNSETTLED until the supply
      * and the converter have settled. A converter that runs by itself sets *age_100us, the time since it sampled;
      * SB_OLD if nobody knows. */
-    (void)b, (void)age_100us;
     for (unsigned k = 0; k < SB_N_TACTELS; k++)
         readings[k] = 0;
     return SB_UNSETTLED;
@@ -46,21 +42,18 @@ uint8_t sample(struct sb_board *b, int16_t readings[SB_N_TACTELS], uint16_t *age
 
 bool flash_read(struct sb_board *b, unsigned page, size_t at, uint8_t *data, size_t n)
 {
-    (void)b, (void)page, (void)at, (void)data, (void)n;
     return false;
 }
 
 bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t data[8])
 {
     /* At 0 erase the page first. Words come in order. */
-    (void)b, (void)page, (void)at, (void)data;
     return false;
 }
 
 void relay_output(struct sb_board *b, bool closed)
 {
     /* Of a stop relay: closed lets the robot run. Open is what it is without power. */
-    (void)b, (void)closed;
 }
 
 int main(void)

@@ -24,7 +24,7 @@ bool can_send(struct sb_board *b, const struct sb_frame *frame, bool urgent)
 {
     struct canfd_frame out = {.can_id = frame->id, .len = frame->length};
     const bool is_fd = frame->flags & SB_FD;
-    (void)b, (void)urgent; /* the kernel has one queue */
+    /* the kernel has one queue, for urgent frames too */
     out.flags = is_fd ? CANFD_BRS : 0;
     memcpy(out.data, frame->data, frame->length);
     return write(can, &out, is_fd ? CANFD_MTU : CAN_MTU) > 0;
@@ -52,7 +52,6 @@ bool can_receive(struct sb_board *b, struct sb_frame *frame)
 uint32_t micros(struct sb_board *b)
 {
     struct timespec now;
-    (void)b;
     clock_gettime(CLOCK_MONOTONIC, &now);
     return (uint32_t)(1000000 * (uint64_t)now.tv_sec + (uint64_t)now.tv_nsec / 1000);
 }
@@ -60,7 +59,6 @@ uint32_t micros(struct sb_board *b)
 uint8_t sample(struct sb_board *b, int16_t readings[SB_N_TACTELS], uint16_t *age_100us)
 {
     const int step = SB_READING_BYTES == 1 ? 1 : 16;
-    (void)b;
     *age_100us = 0;
     for (unsigned k = 0; k < SB_N_TACTELS; k++)
         readings[k] = (int16_t)(step * (rand() % 3 - 1));
@@ -86,7 +84,6 @@ bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t dat
 void relay_output(struct sb_board *b, bool closed)
 {
     static int shown = -1;
-    (void)b;
     if (shown != closed)
         puts(closed ? "closed" : "open");
     shown = closed;

@@ -33,7 +33,6 @@ static struct sb_frame last; /* in mailbox 0 */
 
 uint32_t micros(struct sb_board *b)
 {
-    (void)b;
     return TIM2(0x24); /* CNT, at 1 MHz */
 }
 
@@ -58,7 +57,6 @@ static bool is_late(const struct sb_frame *frame)
 /* A mailbox for each kind: of those that are full the controller sends the lowest identifier. */
 bool can_send(struct sb_board *b, const struct sb_frame *frame, bool urgent)
 {
-    (void)b;
     if (urgent)
         return put(frame, frame->id == SB_GFC ? 2 : 1);
     if (n_queued == QUEUE)
@@ -117,12 +115,6 @@ bool flash_read(struct sb_board *b, unsigned page, size_t at, uint8_t *data, siz
     return true;
 }
 
-static void flash_wait(void)
-{
-    while (FLASH(0x0C) & 1) { /* SR: BSY */
-    }
-}
-
 bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t data[8])
 {
     const uint32_t to = PARAMETERS + page * b->flash_bytes + at;
@@ -132,12 +124,14 @@ bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t dat
         FLASH(0x10) = 2; /* CR: PER */
         FLASH(0x14) = to + erased;
         FLASH(0x10) = 0x42; /* STRT */
-        flash_wait();
+        while (FLASH(0x0C) & 1) { /* SR: BSY */
+        }
     }
     FLASH(0x10) = 1; /* PG */
     for (unsigned i = 0; i < 8; i += 2) {
         *(volatile uint16_t *)(uintptr_t)(to + i) = (uint16_t)sb_load(&data[i], 2);
-        flash_wait();
+        while (FLASH(0x0C) & 1) { /* SR: BSY */
+        }
     }
     FLASH(0x10) = 0x80; /* LOCK */
     return memcmp((const void *)(uintptr_t)to, data, 8) == 0;
@@ -145,7 +139,6 @@ bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t dat
 
 void relay_output(struct sb_board *b, bool closed)
 {
-    (void)b;
     GPIOB(0x18) = closed ? 1u << 7 : 1u << 23; /* BSRR */
 }
 
