@@ -31,9 +31,9 @@ end_s = 1000.0
 ON_LEFT, ON_RIGHT, ON_SEAM = (20.0, -8.0), (90.0, 8.0), (54.0, 1.0)
 
 
-def write_scene(folder, touches):
+def write_scene(folder, touches, arm=ARM):
     """Write the arm and a scene with touches at (s, a) mm; the path of the scene."""
-    (folder / "arm.toml").write_text(ARM)
+    (folder / "arm.toml").write_text(arm)
     scene = SCENE.format(arm=folder / "arm.toml")
     scene += "".join(TOUCH.format(s_mm=s, a_mm=a) for s, a in touches)
     (folder / "scene.toml").write_text(scene)
