@@ -20,14 +20,12 @@ from collections.abc import Sequence
 import numpy as np
 from canopen.objectdictionary import ObjectDictionary
 
-from skinbus.arrays import Floats
 from skinbus.can.event import Event, EventKind
-from skinbus.estimate import Baseline, Plausibility
 from skinbus.estimate.kernels.layout import limit_of
 from skinbus.master.commissioning.sessions import Script
+from skinbus.master.cycle import Cycle
 from skinbus.master.patches.provisioning import write_back
 from skinbus.master.patches.table import PatchTable
-from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects.cia import EmcyCode
 from skinbus.objects.guard import MAX_WEIGHT, NO_LIMIT, GuardLimits
@@ -51,29 +49,12 @@ class Guarding:
     Patches have the numbers of the bus, columns are those of the arm.
     """
 
-    def __init__(
-        self,
-        arm: Arm,
-        own: slice,
-        ods: Sequence[ObjectDictionary],
-        areas: Floats,
-        table: PatchTable,
-        baseline: Baseline,
-        plausibility: Plausibility,
-    ) -> None:
-        """``own`` are the patches on the bus.
-
-        ods:   of all patches
-        areas: (n_tactels,) m^2 by which pressures are multiplied in a sum
-        table: of all patches
-        """
+    def __init__(self, cycle: Cycle, own: slice, ods: Sequence[ObjectDictionary], table: PatchTable) -> None:
+        """``own`` are the patches on the bus; ``ods`` and ``table`` those of all."""
+        arm, felt = cycle.arm, cycle.baseline.felt
         assert arm.guard
         self._arm, self._guard, self._own, self._table = arm, arm.guard, own, table
-        self._zero, self._touched, self._faults = (
-            baseline.felt.zero,
-            baseline.felt.touched,
-            plausibility.faults,
-        )
+        self._zero, self._touched, self._faults = felt.zero, felt.touched, cycle.plausibility.faults
         steps = np.array([placed.patch.transducer.step for placed in arm.patches])
         self._scale, self._full = steps[arm.tactel_patch] * arm.tactel_gain, limit_of(arm)
         # Pa that each tactel may read, and what a pascal on it is of the force that may be
@@ -81,7 +62,7 @@ class Guarding:
         for region in arm.guard.regions:
             inside, factor = region.tactels & arm.tactel_healthy, region.transient_factor
             np.minimum(self._most, factor * region.pressure, out=self._most, where=inside)
-            np.maximum(self._share, areas / (factor * region.force), out=self._share, where=inside)
+            np.maximum(self._share, cycle.areas / (factor * region.force), out=self._share, where=inside)
         self._limited = np.isfinite(self._most) | (self._share > 0.0)
         self._address = [index_of(od, GUARD_LIMITS) if has(od, GUARD_LIMITS) else (0, 0) for od in ods[own]]
         self.indices = frozenset(index for index, _ in self._address)

@@ -99,11 +99,11 @@ class Master(Core):
             from skinbus.master.robot import MasterRobot  # nobody else pays for it
 
             self.robot = MasterRobot(arm)
-        areas = self.cycle.areas if arm.guard and not follows else None
+        guards = arm.guard is not None and not follows
         self.branches = [
             BusMaster(
                 *(arm, k, node_id, plans, self.table, *stages, data_ids),
-                None if areas is None else Guarding(arm, arm.patches_on(k), ods, areas, self.table, *stages),
+                Guarding(self.cycle, arm.patches_on(k), ods, self.table) if guards else None,
                 follows=follows,
             )
             for k, data_ids in enumerate(plan.cob_ids_on)

@@ -7,7 +7,7 @@ import pytest
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm, ods_of
-from skinbus.estimate import Baseline, LoadMeter, Plausibility
+from skinbus.master import Master
 from skinbus.master.guarding import DIFFERENT, Guarding
 from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.objects.cia import EmcyCode
@@ -87,10 +87,9 @@ def guarding_of(folder, text, zeros):
     """The guarding of an arm with these zeros, the arm, and the areas of its tactels."""
     (folder / "arm.toml").write_text(text)
     arm = load_arm(folder / "arm.toml")
-    baseline, areas = Baseline(arm), LoadMeter(arm).areas
-    baseline.felt.zero[:] = zeros
-    table = PatchTable(arm.n_patches)
-    return Guarding(arm, slice(0, 3), ods_of(arm), areas, table, baseline, Plausibility(arm)), arm, areas
+    cycle = Master(arm).cycle
+    cycle.baseline.felt.zero[:] = zeros
+    return Guarding(cycle, slice(0, 3), ods_of(arm), PatchTable(arm.n_patches)), arm, cycle.areas
 
 
 def is_beyond(limits, readings):
@@ -227,7 +226,9 @@ def test_a_patch_whose_limits_another_client_writes_is_booted_again(rig):
 
 def test_each_bus_has_its_own_patches_and_says_so(tmp_path):
     guard = '[guard]\n[[guard.region]]\nname = "all"\nforce_n = 50\nsource = "a test"\n'
-    rig = BusesRig(write_scene(tmp_path, [], ARM_ON_BUSES + guard))
+    scene = write_scene(tmp_path, [])
+    (tmp_path / "arm.toml").write_text(ARM_ON_BUSES + guard)
+    rig = BusesRig(scene)
     rig.run(3000)
     written = [GuardLimits.decode(device.get(0x2081, 0), 16) for device in rig.world.devices]
     assert [(limits.weights > 0).all() for limits in written] == [True, True]
