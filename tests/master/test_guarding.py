@@ -237,3 +237,11 @@ def test_each_bus_has_its_own_patches_and_says_so(tmp_path):
         (EventKind.NOT_GUARDING_END, bus) for bus in (0, 1)
     }
     assert {(bus, detail) for _, bus, detail in said[:-2]} == {(0, "patches 1"), (1, "patches 1")}
+
+
+def test_an_arm_without_limits_boots_and_runs_without_a_word_of_the_guard():
+    _, events, frames = Rig("pad").run(1500)
+    assert not [event for event in events if "guard" in event.kind]
+    asked = {frame.data[1:3] for frame in frames if frame.can_id == 0x601}
+    assert asked.isdisjoint({bytes.fromhex("8120"), bytes.fromhex("8020"), bytes.fromhex("0818")})
+    assert not [frame for frame in frames if frame.can_id == 1 or 0x500 < frame.can_id < 0x580]
