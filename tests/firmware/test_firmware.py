@@ -73,7 +73,9 @@ def run_both(eds, seed, n_steps):
     now_ns, wakes = 1_000_000, [NEVER, NEVER]
 
     def step(frames):
-        pair[0].sampled(0)  # as the firmware here does with every step
+        pair[0].sampled(
+            -len(said)
+        )  # a new one with every step, also of the same time, as in the firmware here
         steps = [device.step(now_ns, frames) for device in pair]
         for step in steps:
             if any(frame.can_id == GFC_ID for frame in step.frames):
