@@ -36,7 +36,7 @@ class Sample(NamedTuple):
 
 
 SCAN_NS = 1_000_000
-"""From one look at the readings of patches that run freely or guard to the next."""
+"""From one look at the readings of patches that run freely or guard to the next, where none is given."""
 
 START_NS = 500_000_000
 """For so long patches are not there until all tactels have readings: one that has none yet has not failed."""
@@ -44,7 +44,7 @@ START_NS = 500_000_000
 Source = Callable[[int], Sample]
 """Return the newest sample at a time (ns), without waiting; it is asked at each SYNC.
 
-For patches that run freely, and for those that guard, it is asked every ``SCAN_NS``, too.
+For patches that run freely, and for those that guard, it is asked between SYNCs, too.
 Counts that change come as a new array: one that was returned before is not looked at again.
 """
 
@@ -56,10 +56,19 @@ class PatchHost(Core):
         devices: one for each patch; their readings are 0x6401 or 0x6400.
         source: what they read.
         boot_s: (n_patches,) time from power-on to the first sign of life, s; none if not given.
+        scan_ns: from one look at the source between SYNCs to the next.
     """
 
-    def __init__(self, devices: Sequence[Device], source: Source, boot_s: Sequence[float] = ()) -> None:
+    def __init__(
+        self,
+        devices: Sequence[Device],
+        source: Source,
+        boot_s: Sequence[float] = (),
+        *,
+        scan_ns: int = SCAN_NS,
+    ) -> None:
         self.devices = devices
+        self._step_ns = scan_ns
         self._source = source
         self._shows = [
             device.image_view(index, 1, len(device.layout.subs(index)))
@@ -164,7 +173,7 @@ class PatchHost(Core):
 
     def _scan(self, now_ns: int, out: list[Frame], events: list[Event]) -> None:
         """Step the devices that run freely or guard and have something new."""
-        self._scan_ns = now_ns + SCAN_NS
+        self._scan_ns = now_ns + self._step_ns
         changed = self._show(now_ns)
         for i in sorted(self._scanned):
             if self.devices[i].guards:
@@ -236,7 +245,7 @@ class PatchHost(Core):
         self.wake(i, step.wake_ns)
         if (device.runs_freely or device.guards) != (i in self._scanned):
             self._scanned ^= {i}
-            self._scan_ns = min(self._scan_ns, now_ns + SCAN_NS) if self._scanned else NEVER
+            self._scan_ns = min(self._scan_ns, now_ns + self._step_ns) if self._scanned else NEVER
         if device.cob_ids is not self._heard[i]:
             self._heard[i] = device.cob_ids
             self._listen()

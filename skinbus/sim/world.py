@@ -27,7 +27,9 @@ from skinbus.can.event import Event
 from skinbus.can.frame import CobIds, Frame, Frames
 from skinbus.config.system import ods_of
 from skinbus.node import Device, PatchHost, Sample
+from skinbus.node.host import SCAN_NS
 from skinbus.objects.cia import SYNC_ID
+from skinbus.objects.profile import GUARD_PERIOD_US, has, index_of
 from skinbus.sim.boards import DriftingDevice, SpoiltTraffic
 from skinbus.sim.effect import Stage, on_bus, stream
 from skinbus.sim.sampler import Sampler
@@ -46,6 +48,7 @@ class World(Core):
         ods: object dictionaries, one per patch of the scene's arm; from its EDS files when None.
         repeat: whether the scene begins anew when it is over.
         buses: numbers of the buses whose patches there are; frames are numbered by their place in it.
+        scan_ns: between two samples of patches that run freely or guard.
     """
 
     def __init__(
@@ -55,6 +58,7 @@ class World(Core):
         *,
         repeat: bool = False,
         buses: Sequence[int] | None = None,
+        scan_ns: int = SCAN_NS,
     ) -> None:
         arm = scene.arm
         ods = ods_of(arm) if ods is None else ods
@@ -73,7 +77,7 @@ class World(Core):
         patches = [arm.patches_on(bus) for bus in on_buses]
         devices = [self._device(p, od) for p, od in enumerate(ods)]
         self.hosts = [
-            PatchHost(devices[mine], partial(self._newest, k), boot_s[mine].tolist())
+            PatchHost(devices[mine], partial(self._newest, k), boot_s[mine].tolist(), scan_ns=scan_ns)
             for k, mine in enumerate(patches)
         ]
         """By bus."""
@@ -84,6 +88,9 @@ class World(Core):
         self._healthy = np.ones(arm.n_tactels, np.bool_)
         self.n_buses = len(self.hosts)
         self.devices = [device for host in self.hosts for device in host.devices]
+        for device in self.devices:
+            if has(device.layout.od, GUARD_PERIOD_US):
+                device.set(*index_of(device.layout.od, GUARD_PERIOD_US), scan_ns // 1000)
         self.cores: list[Core] = [
             self._with_effects(host, bus) for host, bus in zip(self.hosts, on_buses, strict=True)
         ]

@@ -12,6 +12,9 @@ from skinbus.config.system import ods_of
 from skinbus.sim import World, load_scene
 from skinbus.skin.addresses import bus_numbers, shown
 
+SCAN_NS = 10_000_000
+"""Patches that guard are not armed when three samples are late: a process without priority is late by some ms."""
+
 
 @click.command()
 @click.argument("scene")
@@ -40,7 +43,7 @@ def command(
     numbers = bus_numbers(arm, where.names)
     buses = [arm.buses[k] for k in numbers]
     places = where.places(*buses)
-    world = World(played, ods_of(arm), repeat=True, buses=numbers)
+    world = World(played, ods_of(arm), repeat=True, buses=numbers, scan_ns=SCAN_NS)
     # A collection of all that a world of 126 patches is made of takes half a second: five cycles.
     host = Host(world, places, names=[bus.name for bus in buses], steady=True)
     n = len(world.devices)
