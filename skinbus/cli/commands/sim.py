@@ -13,7 +13,7 @@ from skinbus.sim import World, load_scene
 from skinbus.skin.addresses import bus_numbers, shown
 
 SCAN_NS = 10_000_000
-"""Patches that guard are not armed when three samples are late: a process without priority is late by some ms."""
+"""Patches whose last three samples are late do not guard: a process without priority is late by some ms."""
 
 
 @click.command()

@@ -69,6 +69,8 @@ SAID, MOST_SD = 10.0, 3.3
 times those they become at most: presses that err by more than 1 mm are not moved to where they fit."""
 FAR = 0.5
 """Part of the readings, by distance from a press, beyond which they show the noise."""
+LOUD = 0.2
+"""Part of the largest pressure above which a reading shows the misfit that is reported."""
 MOST_LEVERAGE = 0.9
 """Part of a reading's variance that unknowns take up, at most."""
 BINS = 16
@@ -278,7 +280,7 @@ class _Fit:
         of_press = (place_sd or 1.0, place_sd or 1.0, FORCE_SD)
         self.presses = _Unknowns(press, len(s), of_press)
         """What they are off by along s and a (m), and in the logarithm of the force."""
-        self.noise, self._misfit_profile = self._floor, np.zeros(BINS)
+        self.noise, self.misfit, self._misfit_profile = self._floor, 0.0, np.zeros(BINS)
         self.variance = np.full(len(self._p), (FIRST * peak) ** 2)
         self.outlier = np.zeros(len(s), np.bool_)
         self._by_law, self._weight, self._trust = 0.0 * self._p, float(WEIGHTS[0]), self._p
@@ -380,6 +382,9 @@ class _Fit:
             found = np.sqrt(np.maximum(by_bin(weight * excess)[usable] / scale[usable], 0.0))
             self._misfit_profile = np.interp(np.arange(BINS), np.flatnonzero(usable), found)
         self.variance = self.noise[tactel] ** 2 + (amplitude * self._misfit_at(self.d)) ** 2
+        pressed = np.abs(self.pressed)
+        loud = kept & (pressed > LOUD * pressed[kept].max())
+        self.misfit = math.sqrt(max(float(np.mean(excess[loud] / pressed[loud] ** 2)), 0.0))
 
     def _misfit_at(self, d: Floats) -> Floats:
         """Return the misfit at distances d (m), per unit of effective force; (...,) Pa."""
@@ -427,7 +432,7 @@ class _Fit:
             float(at[1]),
             (basis @ self.table) * (at < at[-1]) * to_newtons,
             exponent=self.exponent,
-            misfit=float(self._misfit_profile[0] / self.table[0]),
+            misfit=self.misfit,
             misfit_profile=np.sqrt(self._misfit_at(at) ** 2 + unknown) * to_newtons,
             typical_force=math.exp(self.middle),
         )
