@@ -304,7 +304,7 @@ class Device(Core):
         self._context.state = state
         for service in (self._sync, self._rpdo, self._tpdo, self._triggers):
             service.enter(state)
-        self._guard.tick()
+        self._guard.enter()
         if Service.SDO not in SERVICES[state]:
             self._sdo.reset()
         self._emcy.tick()

@@ -56,6 +56,7 @@ class GuardService(Part):
         """Bit k: whether sample k before the newest was beyond a limit."""
         od, layout = self.dictionary.layout.od, self.dictionary.layout
         readings = next((index for index in READINGS if index in layout.indices), 0)
+        self._places: list[tuple[int, int]] = []
         self._is_there = readings > 0 and all(has(od, name) for name in OBJECTS)
         if not self._is_there:
             return
@@ -74,6 +75,12 @@ class GuardService(Part):
             self.values.store(self._entry, None)
             self._limits, self._state, self._tripped_by = None, GuardState(0), 0
             self.tick()
+
+    def enter(self) -> None:
+        """Be armed by no sample from before this NMT state, and say so: a reset does not go unnoticed."""
+        self._sampled_ns = -NEVER
+        self.tick()
+        self._request()
 
     def sampled(self, age_ns: int) -> None:
         """Have the readings in the image, which are so old, compared with the next step if they are new."""
@@ -123,6 +130,9 @@ class GuardService(Part):
         self._said = state, self._tripped_by
         for place, value in zip(self._places, self._said, strict=True):
             self.values.put(*place, value)
+        self._request()
+
+    def _request(self) -> None:
         for pdo in self._tpdos.pdos.values():
             if any((entry.index, entry.sub) in self._places for entry in pdo.map.entries):
                 self._tpdos.request(pdo.number)

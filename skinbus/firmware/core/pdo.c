@@ -351,6 +351,12 @@ void sb_pdo_enter(struct sb_board *b)
     for (unsigned k = 0; k < SB_N_PDOS; k++)
         start(b, &b->pdos[k]);
     memset(b->is_sent_known, 0, sizeof b->is_sent_known);
+    /* The guard is armed by no sample from before, and says so: a reset does not go unnoticed. */
+    if (sb_guards(b))
+        b->sampled = b->now;
+    else
+        sb_guard_compare(b);
+    sb_request(b, SB_GUARD);
 }
 
 void sb_pdo_changed(struct sb_board *b, uint16_t index)

@@ -1,0 +1,186 @@
+"""Every fault of the table in docs/guard.md ends in a stop, in time, or is listed there as not seen."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skinbus.can.event import EventKind
+from skinbus.can.frame import Frame
+from skinbus.guard.watch import Phase, RegionForces
+from skinbus.objects.guard import GuardLimits
+from tests.guard.rig import GFC, LOST, MS
+from tests.guard.whole import PLATE, Talker, Whole
+from tests.master.misbehaving import Tool
+
+PAGE = Path(__file__).parents[2] / "docs/guard.md"
+TRIP, SILENCE, MASTER_DIES = 2, LOST // MS + 2, 1252
+"""ms: after a press, the last sign of life of a patch, and the last one of the master."""
+
+
+def press(whole):
+    whole.press([3], 40.0)
+
+
+def silence(whole, *can_ids):
+    """Board 1 does not get these frames through; it is pressed."""
+    whole.boards[0].says = lambda frame: frame.can_id not in can_ids
+    press(whole)
+
+
+def unhealthy(whole):
+    whole.healthy = np.arange(48) != 3
+
+
+def freeze(whole):
+    whole.frozen_ns = whole.now_ns
+
+
+def age(whole):
+    whole.age_ns = 4 * MS
+
+
+def no_power(whole):
+    whole.wire(0).detach(whole.ports[0])
+
+
+def bus_off(whole):
+    whole.ports[0].error_counter = 256
+
+
+def say(whole, *frames):
+    whole.bus.submit(whole.drive_port, whole.now_ns, frames)
+
+
+def write_limits(whole, damage=0):
+    """Somebody writes limits that nothing exceeds; then it is pressed."""
+    data = GuardLimits(1, 1, 2**31 - 1, np.full(16, 32767), np.ones(16, int)).encode()
+    whole.bus.attach(Tool(1, [(0x2081, 0, bytes([data[0] ^ damage]) + data[1:])]))
+    whole.run(5)
+    press(whole)
+
+
+def babble(whole, can_id):
+    """Somebody fills the bus; it is pressed."""
+    whole.bus.attach(Talker(Frame(can_id, bytes(8)), 100_000))
+    press(whole)
+
+
+def double(whole):
+    whole.wire(0).attach(whole.board(0))
+
+
+def master_dies(whole):
+    for wire, port in zip(whole.wires.wires, whole.master_ports, strict=True):
+        wire.detach(port)
+
+
+def master_hangs(whole):
+    """It beats, and zeros drift by 10 kPa in an hour that is not waited for."""
+    master_dies(whole)
+    whole.bus.attach(Talker(Frame(0x77F, b"\x05"), 500 * MS))
+    whole.press(np.arange(16), 10.0)
+
+
+def deaf(whole):
+    whole.plug.hears = lambda frame: False
+
+
+def no_drive(whole):
+    whole.bus.detach(whole.drive_port)
+    press(whole)
+
+
+def spread(whole, is_shared=True):
+    """One contact of 50 N on both boards, which may have 60 N each; the region may have it for 0.5 s."""
+    whole.press([0, 12, 16, 28], 25.0)
+    for _ in range(60 * is_shared):
+        whole.guard.contacts = RegionForces(whole.now_ns, [65.0])
+        whole.run(10)
+
+
+def end(whole):
+    whole.guard.is_ending = True
+
+
+def kill(whole):
+    whole.bus.detach(whole.guard_ports[0])
+    press(whole)
+
+
+def dead(whole):
+    """Tactel 3 reads nothing, whatever presses on it."""
+    whole.press([3], 0.0)
+
+
+SEEN = {
+    "readings are lost on the wire": (lambda w: silence(w, 0x181, 0x281, 0x381, 0x481), TRIP),
+    "GFC is lost": (lambda w: silence(w, GFC), TRIP),
+    "GFC and the state after it are lost": (lambda w: silence(w, GFC, 0x501), SILENCE),
+    "a tactel is said to be unhealthy": (unhealthy, TRIP),
+    "the source of readings is frozen": (freeze, 5),
+    "samples are old": (age, TRIP),
+    "a patch loses power, or its cable": (no_power, SILENCE),
+    "a patch goes bus-off": (bus_off, SILENCE),
+    "somebody resets a patch": (lambda w: say(w, Frame(0, b"\x81\x01")), SILENCE),
+    "somebody makes a patch PRE-OPERATIONAL": (lambda w: say(w, Frame(0, b"\x80\x01")), SILENCE),
+    "somebody writes other limits": (write_limits, SILENCE),
+    "somebody writes damaged limits": (lambda w: write_limits(w, 1), SILENCE),
+    "a node babbles": (lambda w: babble(w, 0x002), TRIP),
+    "a node babbles with the identifier 0": (lambda w: babble(w, 0x000), SILENCE),
+    "two boards have one node-ID": (double, 1000),
+    "the master dies": (master_dies, MASTER_DIES),
+    "the bus of the guard process is lost": (deaf, SILENCE),
+    "the guard process is ended": (end, 10),
+    "what stops the robot does not answer": (no_drive, TRIP),
+    "a contact is spread over several patches, with `--contacts`": (spread, 610),
+}
+UNSEEN = {
+    "a contact is spread over several patches, without `--contacts`": lambda w: spread(w, is_shared=False),
+    "a tactel is dead or frozen, and nobody has noticed": dead,
+    "a touch on a patch without limits": lambda w: w.press([40], 40.0),
+    "the master hangs and still sends heartbeats, while zeros drift": master_hangs,
+    "the guard process is killed (SIGKILL)": kill,
+}
+ELSEWHERE = {"a touch between boards, or on no skin", "a cover passes a force on late"}
+"""Not seen either: no core has anything to see."""
+
+
+@pytest.fixture
+def whole(tmp_path):
+    (tmp_path / "arm.toml").write_text(PLATE)
+    whole = Whole(tmp_path / "arm.toml").until_guarding()
+    whole.run(700)  # and the master has heard of everybody
+    return whole
+
+
+@pytest.mark.parametrize("name", SEEN)
+def test_a_fault_is_a_stop_in_time(whole, name):
+    cause, within_ms = SEEN[name]
+    begun_ns = whole.now_ns
+    cause(whole)
+    whole.run(begun_ns / MS + within_ms - whole.now_ns / MS)
+    assert whole.guard.phase is Phase.STOPPED, name
+
+
+def test_a_drive_that_does_not_answer_is_told_again_and_that_is_said(whole):
+    no_drive(whole)
+    whole.run(200)
+    assert len(whole.told_ns()) == 4
+    assert [event.kind for event in whole.events].count(EventKind.NOT_CONFIRMED) == 3
+
+
+@pytest.mark.parametrize("name", UNSEEN)
+def test_what_is_listed_as_not_seen_is_no_stop(whole, name):
+    UNSEEN[name](whole)
+    whole.run(600)
+    assert whole.guard.phase is Phase.GUARDING
+    assert not whole.told_ns()
+
+
+def test_the_page_has_every_fault_and_no_other():
+    table = PAGE.read_text().split("<!-- faults -->")[1]
+    told = {line.split("|")[1].strip(): line for line in table.splitlines() if line.startswith("| ")}
+    del told["fault"]
+    assert told.keys() == SEEN.keys() | UNSEEN.keys() | ELSEWHERE
+    assert {name for name, line in told.items() if "not seen" in line} == UNSEEN.keys() | ELSEWHERE

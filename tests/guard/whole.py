@@ -1,0 +1,166 @@
+"""A guarded arm on the bit-exact bus: boards, master, guard and a drive are cores, and any may be broken."""
+
+from functools import partial
+
+import numpy as np
+
+from skinbus.can.core import Core, Step
+from skinbus.can.event import EventKind
+from skinbus.can.frame import Frame
+from skinbus.can.virtual_buses import VirtualBuses
+from skinbus.config.system import load_arm, ods_of
+from skinbus.guard.stops import parse_stop
+from skinbus.guard.watch import Guard, Phase
+from skinbus.master import Master
+from skinbus.node import Device, PatchHost, Sample
+from tests.guard.rig import GFC, MS, QUICK_STOP
+from tests.master.misbehaving import Wrapped
+
+LIVENESS_MS = 20
+GUARD = f"""
+[guard]
+liveness_ms = {LIVENESS_MS}
+[[guard.region]]
+name = "boards"
+patches = {{patches}}
+pressure_kpa = 30
+force_n = 60
+source = "a test"
+"""
+PLATE = """
+[arm]
+name = "plate"
+[[link]]
+name = "plate"
+surface = "plane"
+length_mm = 250
+width_mm = 60
+"""
+BOARDS = (30, 82, 200)
+"""mm; only the first two are guarded, with node-IDs 1 and 2."""
+PLATE += "".join(
+    f'[[patch]]\nnode_id = {k}\nlink = "plate"\ns_mm = {s_mm}\n' for k, s_mm in enumerate(BOARDS, 1)
+)
+PLATE += GUARD.format(patches=[1, 2])
+
+
+class Plug(Wrapped):
+    """A core between filters of what it hears and says."""
+
+    def __init__(self, core):
+        super().__init__(core)
+        self.repair()
+
+    def repair(self):
+        self.hears = self.says = lambda frame: True
+
+    def step(self, now_ns, frames):
+        step = self.device.step(now_ns, [*filter(self.hears, frames)])
+        return step._replace(frames=[*filter(self.says, step.frames)])
+
+
+class Drive(Core):
+    """Node 100: confirms what it is told."""
+
+    cob_ids = frozenset({QUICK_STOP[0]})
+
+    def step(self, now_ns, frames):
+        return Step([Frame(0x5E4, bytes.fromhex("6040600000000000")) for _ in frames], (), now_ns + 10**12)
+
+
+class Talker(Core):
+    """Somebody who says the same again and again."""
+
+    cob_ids = frozenset()
+
+    def __init__(self, frame, every_ns):
+        self.frame, self.every_ns = frame, every_ns
+
+    def step(self, now_ns, frames):
+        return Step([self.frame], (), now_ns + self.every_ns)
+
+
+class Whole:
+    """All of them; the drive is on the first bus."""
+
+    def __init__(self, path, seed=0, **settings):
+        self.arm, rng = load_arm(path), np.random.default_rng(seed)
+        self.ods = ods_of(self.arm)
+        buses = self.arm.buses
+        self.wires = VirtualBuses(
+            [bus.bitrate for bus in buses], data_bitrates=[bus.data_bitrate for bus in buses]
+        )
+        self.counts = np.zeros(self.arm.n_tactels, np.int32)
+        self.healthy = np.ones(self.arm.n_tactels, np.bool_)
+        self.age_ns, self.frozen_ns = 0, None
+        self.scans = [[] for _ in self.ods]
+        """When each board has looked at its tactels, ns."""
+        self.boards = [self.board(p, 1e-3 * rng.uniform(5, 50)) for p in range(self.arm.n_patches)]
+        self.ports = [self.wire(p).attach(board) for p, board in enumerate(self.boards)]
+        self.master = Master(self.arm, level="kmeans", **settings)
+        self.master_ports = self.wires.attach(self.master)
+        self.frames, self.events = [], []
+        self.plug = Plug(self.new_guard())
+        self.guard_ports = self.wires.attach(self.plug, on_event=self.events.append)
+        self.bus = self.wires.wires[0]
+        self.drive_port = self.bus.attach(Drive())
+        for bus, wire in enumerate(self.wires.wires):
+            wire.tap(lambda frame, bus=bus: self.frames.append(frame._replace(bus=bus)))
+
+    def board(self, p, boot_s=0.0):
+        device = Device(self.ods[p], int(self.arm.node_id[p]), storage={})
+        return Plug(PatchHost([device], partial(self.newest, p), [boot_s]))
+
+    def new_guard(self):
+        where = f"{self.arm.buses[0].name}/" if len(self.arm.buses) > 1 else ""
+        drive = [parse_stop(f"cia402:{where}100", self.arm)]
+        return Guard(self.arm, self.arm.guard, self.ods, drive, acknowledges=True)
+
+    @property
+    def guard(self):
+        return self.plug.device
+
+    @property
+    def now_ns(self):
+        return self.wires.clock.now_ns()
+
+    def wire(self, p):
+        return self.wires.wires[self.arm.patches[p].bus]
+
+    def device(self, p):
+        return self.boards[p].device.devices[0]
+
+    def newest(self, p, now_ns):
+        self.scans[p].append(now_ns)
+        own = self.arm.tactels_of(p)
+        t_ns = now_ns - self.age_ns if self.frozen_ns is None else self.frozen_ns
+        return Sample(self.counts[own], np.array([t_ns]), self.healthy[own])
+
+    def run(self, ms):
+        self.wires.run(self.now_ns + round(ms * MS))
+
+    def until_guarding(self, ms=5000):
+        """Let time pass until it guards; return this."""
+        for _ in range(ms // 10):
+            self.run(10)
+            if self.guard.phase is Phase.GUARDING:
+                return self
+        raise AssertionError(f"does not guard: {self.events[-3:]}")
+
+    def press(self, tactels, kpa):
+        """Press on some tactels alone; none of them is pressed any more with 0."""
+        steps = np.array([placed.patch.transducer.step for placed in self.arm.patches])
+        self.counts = np.zeros_like(self.counts)
+        self.counts[tactels] = np.rint(1e3 * kpa / steps[self.arm.tactel_patch[tactels]])
+
+    def gfc_ns(self):
+        """When frames of a stop ended."""
+        return [frame.t_ns for frame in self.frames if frame.can_id == GFC]
+
+    def stops_ns(self):
+        """When the guard has stopped."""
+        return [event.t_ns for event in self.events if event.kind is EventKind.GUARD_STOP]
+
+    def told_ns(self):
+        """When the drive was told to."""
+        return [frame.t_ns for frame in self.frames if frame[:2] == QUICK_STOP]
