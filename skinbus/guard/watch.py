@@ -108,7 +108,7 @@ class Guard(Core):
         self._said = ""
         self._events: list[Event] = []
         self._above_ns: dict[int, int] = {}
-        self._has_contacts = True
+        self._has_contacts = needs_contacts
         self._contacts = _Watched("contacts", round(CYCLES * 1e9 / arm.bus.rate_hz))
         self._watched = [self._contacts] if needs_contacts else []
         self._handlers: dict[tuple[int, int], Callable[[Frame], None]] = {}
