@@ -1,4 +1,4 @@
-"""Random traffic for one board: mostly what a master sends, often a little wrong."""
+"""Random traffic for one device: mostly what a master sends, often a little wrong."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ WATCHED = 9
 STAMP = 0x2070
 STEPS_US = (0, 0, 0, 1, 50, 1_000, 5_000, 20_000, 100_000, 700_000, 1_200_000)
 COMMANDS = (1, 1, 1, 2, 128, 128, 129, 130, 3)
+BLOCKS = ("A1", "A3", "A3", "A20002", "A20102", "A20202", "C1", "C5", "80", "01" * 8, "02" * 8, "82" * 8)
+"""How a block transfer goes on: commands, and segments by their numbers."""
 SIGNATURES = (b"save", b"load", b"evas")
 
 
@@ -35,7 +37,7 @@ class Traffic:
         entries = layout.entries.values()
         self.entries = [e for e in entries if not (self.has_events and e.index == STAMP)]
         self.parameters = [e for e in self.entries if 0x1000 < e.index < 0x1F00 and e.writable]
-        self.n_tactels = len(layout.subs(next(i for i in READINGS if i in layout.indices)))
+        self.n_tactels = sum(len(layout.subs(i)) for i in READINGS if i in layout.indices)
         self.left: list[Frame] = []
         self.kinds = (
             *[self.limits] * 2,
@@ -116,6 +118,14 @@ class Traffic:
         begin = (self.sdo(0x40, 0x1008, 0), self.sdo(0x21, 0x2040, 0, b"\x08"), self.sdo(0x20, 0x1015, 0))
         command = rng.choice((0x60, 0x70, 0x00, 0x10, 0x1D, 0x0D, 0x0B, 0x80))
         return rng.choice((*begin, *[Frame(0x600 + self.node_id, bytes([command]) + rng.randbytes(7))] * 4))
+
+    def block(self) -> Frame:
+        """A block transfer begins; what may go on with it follows. Of no kind: the firmware has none."""
+        rng = self.rng
+        words = (bytes.fromhex(rng.choice(BLOCKS)) for _ in range(rng.randrange(6)))
+        self.left = [Frame(0x600 + self.node_id, word.ljust(8, b"\0")) for word in words]
+        entry, command = rng.choice(self.entries), rng.choice((0xA0, 0xA4, 0xC0, 0xC4))
+        return self.sdo(command, entry.index, entry.sub, rng.choice((b"\x01", b"\x02\x04", b"\x7f")))
 
     def nmt(self) -> Frame:
         rng = self.rng
