@@ -33,25 +33,25 @@ def pressures(arm, s, a, force):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", [Cone(), radial()], ids=["cone", "radial"])
-def test_predicted_and_measured_scatter_agree_within_a_tenth(law):
+def test_contacts_scatter_as_predicted_within_a_tenth_or_say_that_they_do_not(law):
     """2000 presses anywhere on boards and seams, by the arm's law and noise, estimated at level full."""
     arm = ring(law)
     (coverage,) = cover(arm, step=1e-3)
     rng = np.random.default_rng(SEED)
     usable = np.argwhere(coverage.holds)
     assert len(usable) > 1500  # of 7500 on boards: the rims are outside of all tactels
-    estimator = Estimator(arm, level="full")
-    place, force = [], []
+    estimator, rows = Estimator(arm, level="full"), []
     for i in map(tuple, rng.choice(usable, 2000)):
         truth = coverage.s[i], coverage.a[i]
         noisy = pressures(arm, *truth, FORCE) + 200.0 * rng.standard_normal(arm.n_tactels)
         contacts = estimator.update(noisy, 0)
         assert len(contacts) == 1
-        off = arm.links[0].surface.distance(contacts.s[0], contacts.a[0], *truth)
-        place.append((float(off), coverage.sd_place[i]))
-        force.append((contacts.force[0] - FORCE, coverage.sd_force[i]))
-    for pairs in (place, force):
-        errors, predicted = np.array(pairs).T
+        if contacts.covariance[0, 2, 2] < (2.0 * coverage.sd_force[i]) ** 2:
+            off = arm.links[0].surface.distance(contacts.s[0], contacts.a[0], *truth)
+            rows.append((off, contacts.force[0] - FORCE, coverage.sd_place[i], coverage.sd_force[i]))
+    assert len(rows) > 1960
+    table = np.array(rows)
+    for errors, predicted in (table[:, ::2].T, table[:, 1::2].T):
         # by quarters from best to worst predicted, so that good points do not hide bad ones
         for part in np.array_split(np.argsort(predicted), 4):
             ratio = np.sqrt((errors[part] ** 2).mean() / (predicted[part] ** 2).mean())
