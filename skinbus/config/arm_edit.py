@@ -8,16 +8,15 @@ foreseen here is refused, never spoilt.
 from __future__ import annotations
 
 import json
-import os
 import re
 import tomllib
 from collections.abc import Mapping
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from skinbus.config.arm_file import check_tables
 from skinbus.config.arm_tables import RingTable
-from skinbus.config.system import load_arm
+from skinbus.config.system import make_arm
 from skinbus.config.toml_file import MAX_BYTES
 from skinbus.errors import ConfigError, Fault
 from skinbus.file_bytes import read_bytes, write_whole
@@ -25,10 +24,8 @@ from skinbus.file_bytes import read_bytes, write_whole
 Change = Mapping[str, Any]
 """New values by key; None takes a key out."""
 
-_HEADER = re.compile(r"\s*\[\[?\s*([\w-]+)\s*\]\]?\s*(?:#.*)?$")
+_HEADER = re.compile(r"^(?=[ \t]*\[\[?[ \t]*([\w-]+)[ \t]*\]\]?[ \t]*(?:#.*)?\r?$)", re.MULTILINE)
 """Of a table; those of tables in it have a point in their names."""
-_DIGITS = 6
-"""Decimals of a millimetre or a degree: nanometres."""
 
 
 def edit_arm(path: Path, text: str, changes: Mapping[str, Change]) -> str:
@@ -39,29 +36,25 @@ def edit_arm(path: Path, text: str, changes: Mapping[str, Change]) -> str:
     Raises:
         ConfigError: a table is written in a way that cannot be edited: keys in quotes, tables in one line.
     """
-    document = tomllib.loads(text)
-    lines = text.splitlines()
-    heads = {k: match[1] for k, line in enumerate(lines) if (match := _HEADER.match(line))}
-    left = {kind: iter(enumerate(document.get(kind, ()), 1)) for kind in ("patch", "ring")}
+    document, newline = tomllib.loads(text), "\r\n" if "\r\n" in text else "\n"
     wanted: dict[str, list[Any]] = {"patch": [], "ring": []}
-    out: list[str] = []
-    for begin, end in pairwise([0, *heads, len(lines)]):
-        block, kind = lines[begin:end], heads.get(begin, "")
+    left = {kind: iter(enumerate(document.get(kind, ()), 1)) for kind in wanted}
+    edited, *parts = _HEADER.split(text)
+    for kind, block in zip(parts[::2], parts[1::2], strict=True):
         number, table = next(left.get(kind, iter(())), (0, None))
         boards = _boards(kind, f"{kind}[{number}]", table) if table else {}
         if boards.keys().isdisjoint(changes):
-            out += block
+            edited += block
             if table:
                 wanted[kind].append(table)
             continue
         own = [_with(board, changes.get(key, {})) for key, board in boards.items()]
         wanted["patch"] += own
-        n = len(block)
-        while not block[n - 1].partition("#")[0].strip():  # comments before the next table are of that one
+        lines = block.splitlines()
+        n = len(lines)
+        while not lines[n - 1].partition("#")[0].strip():  # comments before the next table are of that one
             n -= 1
-        out += _as_patches(block[:n], own) + block[n:]
-    newline = "\r\n" if "\r\n" in text else "\n"
-    edited = newline.join([*out, ""])
+        edited += newline.join([*_as_patches(lines[:n], own), *lines[n:], ""])
     try:
         is_good = _filled(tomllib.loads(edited)) == _filled({**document, **wanted})
     except tomllib.TOMLDecodeError:
@@ -81,21 +74,11 @@ def write_arm(path: Path, target: Path, changes: Mapping[str, Change]) -> None:
         ConfigError: it does not, or cannot be edited: boards would lie on each other, or beyond their link.
     """
     edited = edit_arm(path, read_bytes(path, MAX_BYTES).decode(), changes)
-    trial = target.with_name(f".{target.stem}.{os.getpid()}.trial.toml")
     try:
-        write_text(trial, edited)
-        load_arm(trial, check_load=False)
+        make_arm(check_tables(tomllib.loads(edited), target), check_load=False)
     except ConfigError as error:
         raise ConfigError(f"{target}, as it would be", error.faults) from None
-    finally:
-        trial.unlink(missing_ok=True)
-    write_text(target, edited)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Put a text in the place of a file: all of it or nothing, whatever ends the program."""
-    mode = path.stat().st_mode & 0o777 if path.exists() else 0o644
-    write_whole(path, text.encode(), mode)
+    write_whole(target, edited.encode(), target.stat().st_mode & 0o777 if target.exists() else 0o644)
 
 
 def _as_patches(lines: list[str], boards: list[dict[str, Any]]) -> list[str]:
@@ -116,11 +99,7 @@ def _boards(kind: str, name: str, table: dict[str, Any]) -> dict[str, dict[str, 
 
 def _with(table: dict[str, Any], change: Change) -> dict[str, Any]:
     """Return a table with other values."""
-    return {
-        key: round(value, _DIGITS) + 0.0 if isinstance(value, float) else value
-        for key, value in {**table, **change}.items()
-        if value is not None
-    }
+    return {key: value for key, value in {**table, **change}.items() if value is not None}
 
 
 def _filled(document: dict[str, Any]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ load) is checked where their EDS files are known, in ``objects.arm``.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,6 @@ from skinbus.config.arm_tables import (
     BusTable,
     LinkTable,
     MeshTable,
-    Mounted,
     PatchTable,
     RingTable,
     Table,
@@ -78,7 +77,7 @@ class ArmFile:
     @property
     def files(self) -> tuple[Path, ...]:
         """This file and those that it names, each once: of boards, of the robot, of meshes."""
-        names = [eds for mounting in self.mountings if is_path(eds := mounting.eds)]
+        names = [eds for mounting in self.mountings if is_path(eds := mounting.board.eds)]
         names += [link.mesh for link in self.links if isinstance(link, MeshTable)]
         if self.robot:
             names.append(self.robot.urdf)
@@ -115,7 +114,7 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     for kind, most in (("bus", MAX_BUSES), ("link", MAX_LINKS)):
         if (n := len(checked[kind])) > most:
             faults.add(kind, f"{n} tables", f"at most {most}")
-    links, boards = checked["link"], checked["patch"] + checked["ring"]
+    links = checked["link"]
     for kind in ("bus", "link", "joint"):
         _check_unique("name", [(key, table.name) for key, table in checked[kind]], faults)
     channels = [(key, (bus.interface, bus.channel)) for key, bus in checked["bus"] if bus.channel]
@@ -130,12 +129,15 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
         rate_hz = arm.rate_hz if arm else 1.0  # an arm without it is refused
         carrier = robot_settings(robot, checked["joint"], links, rate_hz, path, faults)
     named = {link.name: (i, link) for i, (_, link) in enumerate(links)}
-    mountings = mount(checked["patch"], checked["ring"], named, _names(tables, "link"), faults)
-    mountings = _plug_in(mountings, boards, _names(tables, "bus"), faults)
-    _check_unique("node_id", [(m.key, (m.bus, m.node_id)) for m in mountings], faults)
+    bus_names = _names(tables, "bus")
+    mountings = mount(checked["patch"], checked["ring"], named, _names(tables, "link"), bus_names, faults)
+    if not faults:
+        for k in {*range(len(bus_names))} - {mounting.bus for mounting in mountings}:
+            faults.add(f"bus[{k + 1}].name", bus_names[k], "a bus with patches")
+    _check_unique("node_id", [(m.key, (m.bus, m.board.node_id)) for m in mountings], faults)
     guard = _check(GuardTable, tables["guard"], "guard", faults) if "guard" in tables else None
     if guard:
-        node_ids = [] if faults else [mounting.node_id for mounting in mountings]
+        node_ids = [] if faults else [mounting.board.node_id for mounting in mountings]
         _check_unique("name", [(key, region.name) for key, region in guard.regions], faults)
         check_regions(guard, _names(tables, "link"), node_ids, faults)
     return ArmFile(
@@ -203,28 +205,3 @@ def _buses(arm: ArmTable, buses: list[tuple[str, BusTable]]) -> tuple[BusSetting
             both["data_bitrate"] = None
         found.append(BusSettings(**both))
     return tuple(found)
-
-
-def _plug_in(
-    mountings: list[Mounting],
-    tables: Sequence[tuple[str, Mounted]],
-    names: list[Any],
-    faults: FaultList,
-) -> list[Mounting]:
-    """Return the patches with their buses, in the order of these."""
-    wanted = (
-        f"the name of a bus: {', '.join(map(str, names))}" if names else "no such key: there is no [[bus]]"
-    )
-    for key, table in tables:  # with one bus or none, it need not be said
-        if table.bus not in (names if len(names) > 1 else [None, *names]):
-            faults.add(f"{key}.bus", table.bus, wanted)
-    number = {key: names.index(table.bus) if table.bus in names else 0 for key, table in tables}
-    placed = [replace(m, bus=number[m.key.partition("#")[0]]) for m in mountings]
-    used = {m.bus for m in placed}
-    if not faults:
-        faults += [
-            Fault(f"bus[{k + 1}].name", name, "a bus with patches")
-            for k, name in enumerate(names)
-            if k not in used
-        ]
-    return sorted(placed, key=lambda m: m.bus)

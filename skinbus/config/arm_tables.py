@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -137,6 +138,13 @@ class LinkTable(Table):
     def build(self) -> Surface:
         """Return the surface of a link that is no mesh."""
         raise NotImplementedError
+
+    def across(self, patch: PatchTable) -> float:
+        """Return where a patch is across it or around it, m on its chart; 0 on a mesh."""
+        if "angle_deg" not in self.places:
+            return 1e-3 * (patch.a_mm or 0.0)
+        surface = self.build()
+        return float(surface.wrap(math.radians(patch.angle_deg or 0.0) * surface.radius))
 
 
 class PlaneTable(LinkTable):

@@ -43,10 +43,10 @@ def lay_links(
         own = [p for p, patch in enumerate(placed) if patch.link == k]
         boards = [
             Laid(
-                key=file.mountings[p].key,
+                key=placed[p].key,
                 uv=np.asarray(placed[p].patch.tactels_uv),
-                point=np.array(file.mountings[p].point),
-                along=np.array(file.mountings[p].along),
+                point=1e-3 * np.array(file.mountings[p].board.xyz_mm),
+                along=np.array(file.mountings[p].board.along or (1.0, 0.0, 0.0)),
             )
             for p in own
         ]

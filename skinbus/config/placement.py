@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from skinbus.config.arm_tables import MAX_NAME, MAX_PATCH_ID, LinkTable, PatchTable, RingTable
 from skinbus.errors import Fault, FaultList
@@ -15,54 +13,49 @@ Named = Mapping[str, tuple[int, LinkTable]]
 """Links without faults and their numbers, by name."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mounting:
-    """One patch as the file places it, in SI units."""
+class Mounting(NamedTuple):
+    """One patch as the file places it."""
 
     key: str
     """Where the file says so, for messages."""
-    node_id: int
+    board: PatchTable
     link: int
-    s: float
-    a: float
-    yaw: float
-    eds: str
-    settings: Mapping[str, Any]
-    serial: int = 0
-    address: str | None = None
-    bus: int = 0
-    is_mirrored: bool = False
-    point: tuple[float, ...] | None = None
-    """Of its centre on a mesh, m."""
-    along: tuple[float, ...] | None = None
-    """Direction of u there."""
+    bus: int
 
 
 def mount(
     patches: Sequence[tuple[str, PatchTable]],
     rings: Sequence[tuple[str, RingTable]],
     named: Named,
-    known: Sequence[Any],
+    links: Sequence[Any],
+    buses: Sequence[Any],
     faults: FaultList,
 ) -> list[Mounting]:
-    """Return single patches, then the patches of rings, in the order of the file.
+    """Return single patches, then those of rings, as the file has them; those of the first bus come first.
 
-    known: names of all links, of those with faults too
+    links, buses: names of all, of those with faults too
     """
+    no_bus = f"the name of a bus: {_listed(buses)}" if buses else "no such key: there is no [[bus]]"
     for key, table in (*patches, *rings):
-        if table.link not in known:  # a link that has faults of its own is reported there
-            names = ", ".join(printable(str(n), limit=MAX_NAME) for n in known) or "none"
-            faults.add(f"{key}.link", table.link, f"the name of a link: {names}")
+        if table.link not in links:  # a link that has faults of its own is reported there
+            faults.add(f"{key}.link", table.link, f"the name of a link: {_listed(links)}")
+        if table.bus not in (buses if len(buses) > 1 else [None, *buses]):
+            faults.add(f"{key}.bus", table.bus, no_bus)
     boards = [*patches]
     for key, ring in rings:
         boards += _boards(key, ring, named, faults)
     mountings = []
-    for key, patch in boards:
-        if patch.link in named:
-            number, link = named[patch.link]
-            faults += _patch_faults(key, patch, link)
-            mountings.append(_patch(key, patch, number, link))
-    return mountings
+    for key, board in boards:
+        if board.link in named:
+            number, link = named[board.link]
+            faults += _patch_faults(key, board, link)
+            bus = buses.index(board.bus) if board.bus in buses else 0
+            mountings.append(Mounting(key, board, number, bus))
+    return sorted(mountings, key=lambda mounting: mounting.bus)
+
+
+def _listed(names: Sequence[Any]) -> str:
+    return ", ".join(printable(str(name), limit=MAX_NAME) for name in names) or "none"
 
 
 def _boards(key: str, ring: RingTable, named: Named, faults: FaultList) -> Iterator[tuple[str, PatchTable]]:
@@ -90,30 +83,3 @@ def _patch_faults(key: str, patch: PatchTable, kind: LinkTable) -> Iterator[Faul
     )
     if getattr(patch, needed) is None:
         yield Fault(f"{key}.{needed}", None, what)
-
-
-def _patch(key: str, patch: PatchTable, number: int, link: LinkTable) -> Mounting:
-    a = 1e-3 * (patch.a_mm or 0.0)
-    if "angle_deg" in link.places:
-        a = _around(link, patch.angle_deg or 0.0)
-    return Mounting(
-        key=key,
-        node_id=patch.node_id,
-        link=number,
-        s=1e-3 * (patch.s_mm or 0.0),
-        a=a,
-        yaw=math.radians(patch.yaw_deg),
-        eds=patch.eds,
-        settings=patch.set,
-        serial=patch.serial,
-        address=patch.address,
-        is_mirrored=patch.mirrored,
-        point=None if patch.xyz_mm is None else tuple(1e-3 * x for x in patch.xyz_mm),
-        along=tuple(patch.along or (1.0, 0.0, 0.0)),
-    )
-
-
-def _around(link: LinkTable, angle_deg: float) -> float:
-    """Return the chart coordinate a (m) of an angle on a closed surface."""
-    surface = link.build()
-    return float(surface.wrap(math.radians(angle_deg) * surface.radius))

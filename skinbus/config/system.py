@@ -16,7 +16,6 @@ from skinbus.config.arm_tables import eds_beside
 from skinbus.config.guard_tables import guard_settings
 from skinbus.config.mesh_links import lay_links
 from skinbus.config.mounting import outside, overlap
-from skinbus.config.placement import Mounting
 from skinbus.errors import ConfigError, EdsError, Fault, FaultList
 from skinbus.model import Arm, Link, Patch, PlacedPatch
 from skinbus.model.guard import GuardSettings
@@ -48,8 +47,11 @@ def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
     Raises:
         ConfigError: no such file, or faults in it or in an EDS it names, all of them.
     """
-    path = find_arm(name_or_path)
-    file = read_arm_file(path)
+    return make_arm(read_arm_file(find_arm(name_or_path)), check_load=check_load)
+
+
+def make_arm(file: ArmFile, *, check_load: bool = True) -> Arm:
+    """Return the arm that the tables of a file describe; as :func:`load_arm`."""
     faults = FaultList(file.faults)
     placed, ods = _place(file, faults)
     links: list[Link] = []
@@ -59,16 +61,15 @@ def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
         arm = Arm(file.name, links, placed, *file.buses, robot=file.robot)
         if file.guard:
             arm.guard = guard_settings(file.guard, arm, faults)
-            arm.patches = tuple(_with_liveness(arm, arm.guard, ods, file.mountings, faults))
+            arm.patches = tuple(_with_liveness(arm, arm.guard, ods, faults))
             ods = ods_of(arm)
-        _check_geometry(arm, file.mountings, faults)
-        _check_bus(arm, ods, file.mountings, faults)
-        _check_mapped(arm, ods, file.mountings, faults)
+        _check_geometry(arm, faults)
+        _check_pdos(arm, ods, faults)
         if check_load:
             _check_load(arm, ods, faults)
         if not faults:
             return arm
-    raise ConfigError(str(path), faults)
+    raise ConfigError(str(file.path), faults)
 
 
 def ods_of(arm: Arm) -> list[ObjectDictionary]:
@@ -93,39 +94,41 @@ def ods_of(arm: Arm) -> list[ObjectDictionary]:
 def _place(file: ArmFile, faults: FaultList) -> tuple[list[PlacedPatch], list[ObjectDictionary]]:
     """Return placed patches and their dictionaries; a fault of an EDS of several is said once."""
     placed, ods, load = [], [], _loader()
-    known: dict[tuple[str, Settings], Patch | None] = {}
+    known: dict[tuple[str, Settings], Patch] = {}
+    faulty = set[tuple[str, Settings]]()
     for mounting in file.mountings:
         if faults.n_more:  # ten of a kind are listed; each board takes a while
             break
-        eds, settings = eds_beside(mounting.eds, file.path), freeze(mounting.settings)
+        board = mounting.board
+        kind = eds, settings = eds_beside(board.eds, file.path), freeze(board.set)
+        if kind in faulty:
+            continue
         try:
             if (counter := file.buses[0].sync_counter) and cia.SYNC_COUNTER_OVERFLOW in load_eds(eds, 1):
                 settings = ((f"0x{cia.SYNC_COUNTER_OVERFLOW:04X}", counter), *settings)
-            od = load(eds, mounting.node_id, settings, mounting.serial)
-            if (eds, settings) not in known:
-                known[eds, settings] = describe_patch(od, eds)
+            od = load(eds, board.node_id, settings, board.serial)
+            patch = known[kind] = known.get(kind) or describe_patch(od, eds)
         except EdsError as error:
-            if (eds, settings) not in known:
-                faults += [_at(mounting, error.file, fault) for fault in error.faults]
-            known.setdefault((eds, settings), None)
-        patch = known[eds, settings]
-        if patch is not None:
-            ods.append(od)
-            placed.append(
-                PlacedPatch(
-                    patch=patch.mirrored() if mounting.is_mirrored else patch,
-                    node_id=mounting.node_id,
-                    link=mounting.link,
-                    s=mounting.s,
-                    a=mounting.a,
-                    yaw=mounting.yaw,
-                    eds=eds,
-                    settings=settings,
-                    serial=mounting.serial,
-                    bus=mounting.bus,
-                    address=mounting.address,
-                )
+            faulty.add(kind)
+            faults += [_at(mounting.key, error.file, fault) for fault in error.faults]
+            continue
+        ods.append(od)
+        placed.append(
+            PlacedPatch(
+                patch=patch.mirrored() if board.mirrored else patch,
+                key=mounting.key,
+                node_id=board.node_id,
+                link=mounting.link,
+                s=1e-3 * (board.s_mm or 0.0),
+                a=file.links[mounting.link].across(board),
+                yaw=math.radians(board.yaw_deg),
+                eds=eds,
+                settings=settings,
+                serial=board.serial,
+                bus=mounting.bus,
+                address=board.address,
             )
+        )
     return placed, ods
 
 
@@ -136,25 +139,21 @@ def _loader() -> Callable[[str, int, Settings, int], ObjectDictionary]:
     )
 
 
-def _at(mounting: Mounting, eds: str, fault: Fault) -> Fault:
+def _at(key: str, eds: str, fault: Fault) -> Fault:
     """Return a fault of a patch's EDS, or of its settings, as one of the arm file."""
     ours = fault.key.startswith(("set.", "serial"))
     return Fault(
-        f"{mounting.key}.{fault.key}" if ours else f"{mounting.key}.eds {eds} {fault.key}",
+        f"{key}.{fault.key}" if ours else f"{key}.eds {eds} {fault.key}",
         fault.seen,
         fault.wanted,
     )
 
 
 def _with_liveness(
-    arm: Arm,
-    guard: GuardSettings,
-    ods: Sequence[ObjectDictionary],
-    mountings: Sequence[Mounting],
-    faults: FaultList,
+    arm: Arm, guard: GuardSettings, ods: Sequence[ObjectDictionary], faults: FaultList
 ) -> Iterator[PlacedPatch]:
     """Yield the patches; those with limits send the state of their guard."""
-    for placed, od, mounting, guards in zip(arm.patches, ods, mountings, arm.guarded, strict=True):
+    for placed, od, guards in zip(arm.patches, ods, arm.guarded, strict=True):
         pdo = liveness_pdo(od) if guards else None
         if pdo and pdo.cob_id <= cia.LAST_PDO_ID:
             sets = f"0x{cia.TPDO_COMMUNICATION + pdo.number - 1:04X}"
@@ -166,66 +165,55 @@ def _with_liveness(
             continue
         if guards:
             wanted = f"a TPDO for {GUARD_STATE!r}, up to 0x{cia.LAST_PDO_ID:X}: another node-ID or board"
-            faults.add(mounting.key, f"COB-ID 0x{pdo.cob_id:X}" if pdo else None, wanted)
+            faults.add(placed.key, f"COB-ID 0x{pdo.cob_id:X}" if pdo else None, wanted)
         yield placed
 
 
-def _check_geometry(arm: Arm, mountings: Sequence[Mounting], faults: FaultList) -> None:
+def _check_geometry(arm: Arm, faults: FaultList) -> None:
     """Add the faults of places on links."""
     for k, link in enumerate(arm.links):
         surface = link.surface
-        own = [(patch, at.key) for patch, at in zip(arm.patches, mountings, strict=True) if patch.link == k]
-        for patch, key in own:
+        own = [patch for patch in arm.patches if patch.link == k]
+        for patch in own:
             # all tactels are on a mesh; boards may overhang its rim
             over = outside(surface, patch) if patch.on_chart is None else 0.0
             if over > PLACEMENT_TOLERANCE:
                 where = f"{1e3 * over:.1f} mm beyond link {link.name!r}"
-                faults.add(key, None, f"a place where it does not stick out {where}")
-        places = [(patch.s, patch.a, 0.5 * math.hypot(*patch.patch.size)) for patch, _ in own]
+                faults.add(patch.key, None, f"a place where it does not stick out {where}")
+        places = [(patch.s, patch.a, 0.5 * math.hypot(*patch.patch.size)) for patch in own]
         s, a, reach = np.reshape(places, (-1, 3)).T
         is_near = surface.distance(s[:, None], a[:, None], s, a) < reach[:, None] + reach
         for p, q in np.argwhere(np.triu(is_near, 1)):
-            depth = overlap(surface, own[p][0], own[q][0])
+            depth = overlap(surface, own[p], own[q])
             if depth > PLACEMENT_TOLERANCE:
                 seen = f"{1e3 * depth:.1f} mm of overlap"
-                faults.add(f"{own[p][1]} and {own[q][1]}", seen, "patches side by side")
+                faults.add(f"{own[p].key} and {own[q].key}", seen, "patches side by side")
 
 
-def _check_bus(
-    arm: Arm, ods: Sequence[ObjectDictionary], mountings: Sequence[Mounting], faults: FaultList
-) -> None:
+def _check_pdos(arm: Arm, ods: Sequence[ObjectDictionary], faults: FaultList) -> None:
+    """Add the faults of TPDOs; all readings of a board must be sent: one that is missing passes as zero."""
     of_master = [pdo.cob_id for pdo in tpdos(load_eds("skin-master", MASTER_NODE_ID))]
     seen = {(k, cob_id): "the master" for k in range(len(arm.buses)) for cob_id in of_master}
-    for od, mounting in zip(ods, mountings, strict=True):
-        for pdo in tpdos(od):
-            if not pdo.valid:
-                continue
-            taken = seen.setdefault((mounting.bus, pdo.cob_id), mounting.key)
-            if pdo.length > CLASSIC_BYTES and arm.buses[mounting.bus].data_bitrate is None:
+    for placed, od in zip(arm.patches, ods, strict=True):
+        pdos = [pdo for pdo in tpdos(od) if pdo.valid]
+        for pdo in pdos:
+            key, taken = (
+                f"{placed.key} TPDO {pdo.number}",
+                seen.setdefault((placed.bus, pdo.cob_id), placed.key),
+            )
+            if pdo.length > CLASSIC_BYTES and arm.buses[placed.bus].data_bitrate is None:
                 wanted = f"at most {CLASSIC_BYTES}, or a bus with canfd = true"
-                faults.add(f"{mounting.key} TPDO {pdo.number}", f"{pdo.length} bytes", wanted)
-            if taken != mounting.key:
-                cob_id = f"COB-ID 0x{pdo.cob_id:03X}"
-                faults.add(f"{mounting.key} TPDO {pdo.number}", cob_id, f"another: {taken} has it")
-
-
-def _check_mapped(
-    arm: Arm, ods: Sequence[ObjectDictionary], mountings: Sequence[Mounting], faults: FaultList
-) -> None:
-    """Refuse a board whose readings are not all sent: one that is missing would pass as zero."""
-    seen: set[tuple[str, Settings]] = set()
-    for placed, od, mounting in zip(arm.patches, ods, mountings, strict=True):
-        if (placed.eds, placed.settings) in seen:
-            continue
-        seen.add((placed.eds, placed.settings))
-        healthy = np.broadcast_to(placed.patch.healthy, placed.patch.n_tactels)
-        sent = {entry.sub for pdo in tpdos(od) if carries_readings(pdo) for entry in readings_in(pdo)}
-        silent = [k for k in range(1, placed.patch.n_tactels + 1) if k not in sent and healthy[k - 1]]
-        if silent:
+                faults.add(key, f"{pdo.length} bytes", wanted)
+            if taken != placed.key:
+                faults.add(key, f"COB-ID 0x{pdo.cob_id:03X}", f"another: {taken} has it")
+        sent = {entry.sub for pdo in pdos if carries_readings(pdo) for entry in readings_in(pdo)}
+        n_tactels = placed.patch.n_tactels
+        healthy = np.flatnonzero(np.broadcast_to(placed.patch.healthy, n_tactels)) + 1
+        if silent := sorted({*healthy.tolist()} - sent):
             some = ", ".join(map(str, silent[:4])) + (", ..." if len(silent) > 4 else "")
-            what = f"{len(silent)} of {placed.patch.n_tactels} readings in no enabled TPDO: {some}"
+            what = f"{len(silent)} of {n_tactels} readings in no enabled TPDO: {some}"
             wanted = f"all of them, or their bits in {str(HEALTHY_TACTELS)!r} cleared"
-            faults.add(f"{mounting.key}.eds {placed.eds}", what, wanted)
+            faults.add(f"{placed.key}.eds {placed.eds}", what, wanted)
 
 
 def _check_load(arm: Arm, ods: Sequence[ObjectDictionary], faults: FaultList) -> None:

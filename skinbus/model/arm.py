@@ -72,6 +72,8 @@ class PlacedPatch:
     """Number of the bus it is on, from 0."""
     address: str | None = None
     """Where its readings come from, if a gateway takes them from another skin."""
+    key: str = ""
+    """Where the arm file says so, for messages."""
     on_chart: Floats | None = None
     """(n_tactels, 12) of its tactels on the chart of a mesh: s, a (m), scale, and ``model.bend``; None on
     other surfaces, to which boards are bent without stretching."""
@@ -164,17 +166,18 @@ class Arm:
         self.tactel_s, self.tactel_a = map(_read_only, chart[:, :2].T)
         self.tactel_bend = _read_only(chart[:, 3:] if chart[:, 3:].any() else chart[:0, 3:])
 
-        def column(name: str) -> Floats:
-            """Return a number of each patch, or of each of its tactels, as one column over all tactels."""
-            parts = [np.broadcast_to(getattr(p.patch, name), p.patch.n_tactels) for p in patches]
-            return _read_only(np.concatenate(parts))
+        def column(name: str, thresholds: float = 0.0) -> Floats:
+            """Return what patches or their tactels have, or so many thresholds, as one column."""
+            own = [(p.patch, getattr(p.patch, name)) for p in patches]
+            usual = [(p, thresholds * p.threshold if value is None else value) for p, value in own]
+            return _read_only(np.concatenate([np.broadcast_to(value, p.n_tactels) for p, value in usual]))
 
         self.tactel_gain, self.tactel_offset, self.tactel_bias = map(column, ("gain", "offset", "bias"))
         self.tactel_width = _read_only(column("width") * chart[:, 2])
         self.tactel_noise, self.tactel_healthy = column("noise"), _read_only(column("healthy"), np.bool_)
         self.tactel_threshold, self.tactel_release = column("threshold"), column("release")
-        self.tactel_zero_band = column("zero_band_or_usual")
-        self.tactel_zero_drift = column("zero_drift_or_usual")
+        self.tactel_zero_band = column("zero_band", 2.5)
+        self.tactel_zero_drift = column("zero_drift", 0.3)
 
     @classmethod
     def single_patch(cls, tactels_uv: npt.ArrayLike, *, law: Law | None = None, **settings: Any) -> Self:
@@ -271,13 +274,14 @@ class Arm:
 
     def with_law(self, law: Law) -> Arm:
         """Return the same arm with another contact law on every patch."""
-        patches = [replace(p, patch=replace(p.patch, law=law)) for p in self.patches]
-        return Arm(self.name, self.links, patches, *self.buses, robot=self.robot, guard=self.guard)
+        return self._with([replace(p, patch=replace(p.patch, law=law)) for p in self.patches], self.buses)
 
     def with_rate(self, rate_hz: float) -> Arm:
         """Return the same arm with another SYNC rate."""
-        buses = [replace(settings, rate_hz=rate_hz) for settings in self.buses]
-        return Arm(self.name, self.links, self.patches, *buses, robot=self.robot, guard=self.guard)
+        return self._with(self.patches, [replace(settings, rate_hz=rate_hz) for settings in self.buses])
+
+    def _with(self, patches: Sequence[PlacedPatch], buses: Sequence[BusSettings]) -> Arm:
+        return Arm(self.name, self.links, patches, *buses, robot=self.robot, guard=self.guard)
 
 
 def _chart(surface: Surface, placed: PlacedPatch) -> Floats:

@@ -54,7 +54,7 @@ first_node_id = 20
 def mountings(text, tmp_path):
     file = check_tables(tomllib.loads(text), tmp_path / "arm.toml")
     assert file.faults == []
-    return {m.node_id: m for m in file.mountings}
+    return {m.board.node_id: m.board for m in file.mountings}
 
 
 @pytest.fixture
@@ -89,9 +89,9 @@ def test_a_ring_becomes_patches_where_it_stood(edit, tmp_path):
     edited = edit(FILE, {"ring[1]#2": {"node_id": 40, "yaw_deg": -90.0, "serial": 7}})
     before, after = mountings(FILE, tmp_path), mountings(edited, tmp_path)
     assert set(after) == set(before) - {2} | {40}
-    assert (after[1].s, after[1].a, after[1].eds) == (before[1].s, before[1].a, "a.dcf")
-    assert (after[40].a, after[40].eds, after[40].serial) == (before[2].a, "b.dcf", 7)
-    assert after[40].settings == before[2].settings
+    assert (after[1].s_mm, after[1].angle_deg, after[1].eds) == (before[1].s_mm, before[1].angle_deg, "a.dcf")
+    assert (after[40].angle_deg, after[40].eds, after[40].serial) == (before[2].angle_deg, "b.dcf", 7)
+    assert after[40].set == before[2].set
     where = [edited.index(words) for words in ("wrist", "May", "b.dcf", "the elbow", "another ring")]
     assert where == sorted(where)
 
@@ -99,7 +99,7 @@ def test_a_ring_becomes_patches_where_it_stood(edit, tmp_path):
 def test_a_ring_with_a_table_of_settings_becomes_patches_that_each_have_it(edit, tmp_path):
     text = FILE.replace("first_node_id = 20\n", 'first_node_id = 20\n[ring.set]\n"Touch Pa" = 900\n')
     after = mountings(edit(text, {"ring[2]#1": {"yaw_deg": 5.0}}), tmp_path)
-    assert all(after[k].settings == {"Touch Pa": 900} for k in range(20, 24))
+    assert all(after[k].set == {"Touch Pa": 900} for k in range(20, 24))
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_shipped_arms_take_any_change(name, edit, tmp_path):
     }
     new = check_tables(tomllib.loads(edit(text, changes)), find_arm(name))
     assert not new.faults
-    yaws = sorted(round(m.yaw * 57.29577951308232, 3) for m in new.mountings if m.yaw)
+    yaws = sorted(m.board.yaw_deg for m in new.mountings if m.board.yaw_deg)
     assert yaws == sorted(change["yaw_deg"] for change in changes.values() if change["yaw_deg"])
     assert [line for line in text.splitlines() if line.startswith("#")] == [
         line for line in edit(text, changes).splitlines() if line.startswith("#")

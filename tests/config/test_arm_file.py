@@ -62,13 +62,15 @@ def test_everything_in_the_file_is_read_in_si_units(tmp_path):
     assert (cone.kind, cone.length) == ("cone", 0.1)
     assert cone.radius_at([0.0, 0.1]) == pytest.approx([0.08, 0.06])
     patch, *ring = file.mountings
-    assert (patch.node_id, patch.link, patch.s, patch.a) == (5, 0, 0.05, -0.02)
-    assert patch.yaw == pytest.approx(math.pi / 2)
-    assert (patch.eds, patch.serial) == ("other", 0x1234)
-    assert dict(patch.settings) == {"Touch Pa": 1500, "0x2030:01": 1500}
-    assert [m.node_id for m in ring] == [10, 11, 12, 13]
-    assert [m.a / (0.07 * math.pi / 4) for m in ring] == pytest.approx([1.0, 3.0, -3.0, -1.0])
-    assert {m.eds for m in ring} == {"skin-patch"}
+    board = patch.board
+    assert (board.node_id, patch.link, board.s_mm, board.yaw_deg) == (5, 0, 50, 90)
+    assert file.links[0].across(board) == -0.02
+    assert (board.eds, board.serial) == ("other", 0x1234)
+    assert board.set == {"Touch Pa": 1500, "0x2030:01": 1500}
+    assert [m.board.node_id for m in ring] == [10, 11, 12, 13]
+    around = [file.links[m.link].across(m.board) / (0.07 * math.pi / 4) for m in ring]
+    assert around == pytest.approx([1.0, 3.0, -3.0, -1.0])
+    assert {m.board.eds for m in ring} == {"skin-patch"}
     assert [m.key for m in file.mountings] == ["patch[1]", *(f"ring[1]#{k}" for k in (1, 2, 3, 4))]
 
 

@@ -69,7 +69,7 @@ def command(arm: str, where: Where, out: Path | None) -> None:
     console = Console()
     say = partial(console.print, soft_wrap=True)
     bench = boards_on(place, part, say)
-    dialogue = Identification(places_of(part, mountings), bench.boards)
+    dialogue = Identification(places_of(part), bench.boards)
     talk(dialogue, bench.arm, place, console, say)
     if dialogue.is_quit or not dialogue.found:
         say("Nothing is written.")

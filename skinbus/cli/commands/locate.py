@@ -55,7 +55,7 @@ def command(arm: str, presses: Path, write: bool, out: Path | None) -> None:
       skinbus calibrate locate my-arm.toml presses.csv --write
     """
     path, loaded = find_arm(arm), load_arm(arm, check_load=False)
-    target, arm_file = arm_target(arm, path, loaded, out) if write or out else (None, None)
+    target = arm_target(arm, path, loaded, out)[0] if write or out else None
     rows = read_presses(loaded, presses)
     found = locate(loaded, rows)
     console = Console()
@@ -66,8 +66,8 @@ def command(arm: str, presses: Path, write: bool, out: Path | None) -> None:
         is_faulty |= bool(fault)
         for text in remarks(board, fault, rows):
             console.print(f"node {loaded.node_label(board.patch)}: {text}", style="yellow", soft_wrap=True)
-        if arm_file and not fault:
-            changes[arm_file.mountings[board.patch].key] = place_of(loaded, board)
+        if not fault:
+            changes[loaded.patches[board.patch].key] = place_of(loaded, board)
     console.print(f"presses scatter by {1e3 * found.place_sd:.2f} mm along each direction")
     if target is not None:
         write_arm(path, target, changes)

@@ -120,15 +120,15 @@ class QuietMaster(Master):
         self._on_pressures(report.t_ns, pressures)
 
 
-def places_of(arm: Arm, mountings: Sequence[Mounting]) -> list[Place]:
+def places_of(arm: Arm) -> list[Place]:
     """Return the places of the patches of an arm with one bus, and of their tables in its file."""
     places = []
-    for placed, mounting, kind in zip(arm.patches, mountings, kinds_of(arm), strict=True):
+    for placed, kind in zip(arm.patches, kinds_of(arm), strict=True):
         link, at = arm.links[placed.link], f"a {1e3 * placed.a:.0f} mm"
         if link.surface.period:
             at = f"angle {math.degrees(placed.a / link.surface.radius):.0f} deg"
         where = f"{link.name}, s {1e3 * placed.s:.0f} mm, {at}"
-        places.append(Place(mounting.key, where, kind.kind, placed.patch.size))
+        places.append(Place(placed.key, where, kind.kind, placed.patch.size))
     return places
 
 
@@ -141,11 +141,15 @@ def changes_of(mountings: Sequence[Mounting], found: Mapping[str, Identified]) -
     changes: dict[str, dict[str, Any]] = {}
     taken = {own.node_id for own in found.values()}
     lost = [mounting for mounting in mountings if mounting.key not in found]
-    spare = {mounting.node_id for mounting in mountings} - taken - {mounting.node_id for mounting in lost}
+    spare = (
+        {mounting.board.node_id for mounting in mountings}
+        - taken
+        - {mounting.board.node_id for mounting in lost}
+    )
     for mounting in mountings:
         if own := found.get(mounting.key):
             changes[mounting.key] = _change(mounting, own, mountings)
-        elif mounting.node_id in taken and spare:
+        elif mounting.board.node_id in taken and spare:
             changes[mounting.key] = {"node_id": min(spare)}
             spare.remove(min(spare))
     return {key: change for key, change in changes.items() if change}
@@ -154,12 +158,12 @@ def changes_of(mountings: Sequence[Mounting], found: Mapping[str, Identified]) -
 def _change(mounting: Mounting, own: Identified, mountings: Sequence[Mounting]) -> dict[str, Any]:
     serial = own.identity[-1]
     change: dict[str, Any] = {}
-    if own.node_id != mounting.node_id:
+    if own.node_id != mounting.board.node_id:
         change["node_id"] = own.node_id
-    if serial and serial != mounting.serial:
+    if serial and serial != mounting.board.serial:
         change["serial"] = serial
-    known = [m.eds for m in mountings if serial and m.serial == serial]
-    known += [m.eds for m in mountings if m.node_id == own.node_id and m.serial == 0]
-    if known and known[0] and known[0] != mounting.eds:
+    known = [m.board.eds for m in mountings if serial and m.board.serial == serial]
+    known += [m.board.eds for m in mountings if m.board.node_id == own.node_id and m.board.serial == 0]
+    if known and known[0] and known[0] != mounting.board.eds:
         change["eds"] = known[0]
     return change

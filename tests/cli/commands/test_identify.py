@@ -21,7 +21,7 @@ def test_a_board_is_found_by_a_press_and_goes_into_the_file(own_bus, file):
         said = own_bus.run("scan", "identify", file)
     assert "press the centre" in said
     (after,) = read_arm_file(file).mountings
-    assert (after.node_id, after.serial) == (arm.node_id[0], arm.patches[0].serial)
+    assert (after.board.node_id, after.board.serial) == (arm.node_id[0], arm.patches[0].serial)
     assert file.read_text().startswith("# mine\n")
     assert [path.name for path in file.parent.iterdir()] == ["my-arm.toml"]
 

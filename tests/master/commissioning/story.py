@@ -18,7 +18,7 @@ SEED = 20261122
 def prepared(name):
     """What all stories of an arm have in common; reading its boards takes a while."""
     plan, mountings = load_arm(name), read_arm_file(find_arm(name)).mountings
-    return plan, mountings, places_of(plan, mountings), kinds_of(plan)
+    return plan, mountings, places_of(plan), kinds_of(plan)
 
 
 class Story:

@@ -29,7 +29,7 @@ def test_what_was_found_goes_into_the_arm_file(tmp_path):
     changes = changes_of(story.mountings, story.dialogue.found)
     (after,) = check_tables(tomllib.loads(edit_arm(path, path.read_text(), changes)), path).mountings
     (own,) = story.dialogue.found.values()
-    assert (after.node_id, after.serial) == (own.node_id, own.identity[3])
+    assert (after.board.node_id, after.board.serial) == (own.node_id, own.identity[3])
 
 
 WRONG = {
