@@ -52,18 +52,12 @@ class MeshSurface(Surface):
         wanted = np.asarray(points, float)
         tree = cKDTree(self.nodes[self.on][:, :3])
         k = tree.query(wanted)[1]
-        found = self.first + self.step * np.argwhere(self.on)[k]
-        s, a = found[:, 0], found[:, 1]
+        s, a = (self.first + self.step * np.argwhere(self.on)[k]).T
         for _ in range(3):  # Newton from the nearest node; the second step is below a nanometre
             value, along, across = self._at(s, self.wrap(a))
-            off = wanted - value[:, :3]
-            u, v = along[:, :3], across[:, :3]
-            uu, uv, vv = (u * u).sum(1), (u * v).sum(1), (v * v).sum(1)
-            us, vs, det = (u * off).sum(1), (v * off).sum(1), uu * vv - uv * uv
-            regular = det > 1e-6
-            det = np.where(regular, det, 1.0)
-            s = s + np.where(regular, np.clip((vv * us - uv * vs) / det, -self.step, self.step), 0.0)
-            a = a + np.where(regular, np.clip((uu * vs - uv * us) / det, -self.step, self.step), 0.0)
+            slopes = np.stack([along[:, :3], across[:, :3]], -1)  # one is 0 beyond the grid
+            steps = np.linalg.pinv(slopes, 1e-3) @ (wanted - value[:, :3])[..., None]
+            s, a = np.stack([s, a]) + np.clip(steps[..., 0].T, -self.step, self.step)
         point, normal = self.position(s, a)
         return np.asarray(s), self.wrap(a), np.asarray(((wanted - point) * normal).sum(axis=1))
 

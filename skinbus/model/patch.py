@@ -79,16 +79,6 @@ class Patch:
         np.broadcast_to(self.healthy, len(uv))
 
     @property
-    def zero_band_or_usual(self) -> float | Floats:
-        """Zero band, Pa; the usual one where none is declared."""
-        return 2.5 * self.threshold if self.zero_band is None else self.zero_band
-
-    @property
-    def zero_drift_or_usual(self) -> float | Floats:
-        """Zero drift, Pa in a minute; the usual one where none is declared."""
-        return 0.3 * self.threshold if self.zero_drift is None else self.zero_drift
-
-    @property
     def n_tactels(self) -> int:
         """Number of tactels."""
         return len(self.tactels_uv)
