@@ -53,16 +53,14 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
     which = f"; a column bus with {' or '.join(buses)}, where node-IDs repeat" if len(buses) > 1 else ""
     presses: list[Press] = []
     for line, row, bus in rows:
-        own = [
-            p
-            for p in np.flatnonzero(arm.node_id == row["node_id"]).tolist()
-            if not which or bus in ("", buses[arm.patches[p].bus])
-        ]
-        if len(own) != 1:
+        is_own = arm.node_id == row["node_id"]
+        if which and bus:
+            is_own &= np.array(buses)[arm.patch_bus] == bus
+        if is_own.sum() != 1:
             seen = f"{row['node_id']:g}" + (f" of bus {bus}" if bus else "")
             faults.add(f"line {line}, node_id", seen, f"a patch of the arm{which}")
             continue
-        (p,), force = own, row.get("force_n", math.nan)
+        p, force = int(is_own.argmax()), row.get("force_n", math.nan)
         gain = arm.tactel_gain[arm.tactels_of(p)]
         readings, noise = (
             gain * [row.get(f"{letter}{k}", math.nan) for k in range(1, 1 + len(gain))] for letter in "pn"
@@ -81,11 +79,9 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
         faults.add("file", None, "presses")
     if faults:
         raise ConfigError(str(path), faults)
-    for p in {press.patch for press in touching}:
-        zeros = [press.readings for press in presses if press.patch == p and press.force == 0.0]
-        zero = np.nan_to_num(mean_and_noise(np.array(zeros))[0]) if zeros else 0.0
-        for press in touching:
-            press.readings[:] -= zero * (press.patch == p)
+    for press in touching:
+        if zeros := [own.readings for own in presses if own.patch == press.patch and own.force == 0.0]:
+            press.readings[:] -= np.nan_to_num(mean_and_noise(np.array(zeros))[0])
     return touching
 
 
@@ -118,16 +114,15 @@ def write_presses(path: Path, arm: Arm, presses: Sequence[Press]) -> None:
     most = max(placed.patch.n_tactels for placed in arm.patches)
     tactels = [f"{letter}{k}" for letter in "pn" for k in range(1, 1 + most)]
     with whole_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
-        table = csv.DictWriter(file, ["bus", *PRESSES[:3], "force_n", *tactels])
-        table.writeheader()
+        table = csv.writer(file)
+        table.writerow(["bus", *PRESSES[:3], "force_n", *tactels])
         for press in presses:
             placed, gain = arm.patches[press.patch], arm.tactel_gain[arm.tactels_of(press.patch)]
-            where = placed.node_id, 1e3 * press.s, 1e3 * press.a, press.force
-            numbers = dict(zip([*PRESSES[:3], "force_n"], where, strict=True))
-            for letter, own in ("p", press.readings), ("n", press.noise):
-                numbers |= {f"{letter}{k}": x for k, x in enumerate([] if own is None else own / gain, 1)}
-            cells = {name: f"{x:.6g}" for name, x in numbers.items() if not math.isnan(x)}
-            table.writerow({"bus": arm.buses[placed.bus].name} | cells)
+            read = np.full((2, most), np.nan)
+            read[:, : len(gain)] = np.array([press.readings, press.noise], float) / gain
+            numbers = placed.node_id, 1e3 * press.s, 1e3 * press.a, press.force, *read.ravel()
+            cells = ("" if math.isnan(x) else f"{x:.6g}" for x in numbers)
+            table.writerow([arm.buses[placed.bus].name, *cells])
 
 
 def _read(

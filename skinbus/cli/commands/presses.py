@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -14,7 +14,7 @@ import skinbus
 from skinbus.arrays import Floats
 from skinbus.cli import output
 from skinbus.cli.formatting import counted
-from skinbus.cli.options import INPUT, Range, channels_option, file_option
+from skinbus.cli.options import INPUT, POSITIVE, channels_option, file_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_columns, write_presses
 from skinbus.config.system import load_arm, ods_of
@@ -46,7 +46,7 @@ HELD_S = 0.02
     help="Places of the tip over time: t_s with s_mm, a_mm (and height_mm), or x_mm, y_mm, z_mm in the "
     "frame of the link; force_n if the robot measures it.",
 )
-@click.option("--weight-n", type=Range(min=0.0, min_open=True), help="Force of all presses, N.")
+@click.option("--weight-n", type=POSITIVE, help="Force of all presses, N.")
 @click.option("--link", "link_name", help="The link that is pressed; by default the only one.")
 @channels_option
 @file_option(
@@ -79,14 +79,12 @@ def command(
     output.keep_files([out], "--poses", [poses.resolve()])
     whole = load_arm(arm, check_load=False)
     names = [link.name for link in whole.links]
-    chosen = [k for k, name in enumerate(names) if link_name in (None, name)]
-    if len(chosen) != 1:
+    if link_name not in (names if len(names) > 1 else [None, *names]):
         raise click.BadParameter(f"give one of {', '.join(names)}", param_hint="--link")
-    (link,) = chosen
+    link = names.index(link_name or names[0])
     pose = _poses(whole, link, poses)
     t, pressures = _cycles(log, whole, channels)
-    load = load_of(pressures, np.asarray(whole.tactel_threshold))
-    signal = pose.get("force_n")
+    load, signal = load_of(pressures, whole.tactel_threshold), pose.get("force_n")
     if signal is None:
         signal = pose_signal(pose["t_s"], pose["s"], pose["a"], pose.get("height"))
     try:
@@ -106,9 +104,8 @@ def command(
         if not len(own) or own[:, 2].mean() <= 0.0 or np.ptp(own[:, :2], axis=0).max() > SLID:
             n_left += 1
             continue
-        means, noise = mean_and_noise(pressures[(t >= begin) & (t <= end)])
-        s, a, newton = own.mean(axis=0).tolist()
-        presses += felt(whole, link, Press(0, s, a, newton, means, noise=noise))
+        readings = mean_and_noise(pressures[(t >= begin) & (t <= end)])
+        presses += felt(whole, link, own.mean(axis=0).tolist(), *readings)
     if not presses:
         _end(f"no press: {counted(len(holds), 'hold')}, in none of them a tool that stands still")
     write_presses(out, whole, presses)
@@ -143,18 +140,17 @@ def _cycles(log: Path, arm: Arm, channels: tuple[str, ...]) -> tuple[Floats, Flo
         cycles = [(1e-9 * c.t_ns, np.where(c.readings.valid, c.readings.pressures, np.nan)) for c in skin]
     if len(cycles) < FEWEST:
         raise ConfigError(str(log), [Fault("file", counted(len(cycles), "cycle"), "a recording of presses")])
-    t, pressures = np.array([t for t, _ in cycles]), np.array([pressures for _, pressures in cycles])
+    t, pressures = map(np.array, zip(*cycles, strict=True))
     if not ReadingsPlan(arm, ods_of(arm)).on_change.any():
         return t, pressures
     every = np.arange(t[0], t[-1], HELD_S)
     return every, pressures[np.searchsorted(t, every, "right") - 1]
 
 
-def felt(arm: Arm, link: int, press: Press) -> Iterator[Press]:
-    """Return the part that each patch of a link has in a press with the readings of all tactels."""
-    most = np.nanmax(press.readings, initial=0.0)
-    for p, placed in enumerate(arm.patches):
+def felt(arm: Arm, link: int, push: Sequence[float], readings: Floats, noise: Floats) -> Iterator[Press]:
+    """Return what each patch of a link has of a push at s, a (m) by a force (N), read by all tactels."""
+    (s, a, force), most = push, np.nanmax(readings, initial=0.0)
+    for p in np.flatnonzero(arm.patch_link == link).tolist():
         here = arm.tactels_of(p)
-        if placed.link == link and np.nanmax(press.readings[here], initial=0.0) > FELT * most:
-            noise = None if press.noise is None else press.noise[here]
-            yield press._replace(patch=p, readings=press.readings[here], noise=noise)
+        if np.nanmax(readings[here], initial=0.0) > FELT * most:
+            yield Press(p, s, a, force, readings[here], noise=noise[here])

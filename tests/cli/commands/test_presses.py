@@ -8,7 +8,6 @@ import pytest
 from skinbus.cli.commands.presses import felt
 from skinbus.cli.press_csv import write_presses
 from skinbus.config.system import load_arm
-from skinbus.estimate.calibration.table import Press
 from tests.cli.commands.pressed_field import make_field
 from tests.cli.invoke import run
 from tests.master.test_free_running import by_events
@@ -92,7 +91,7 @@ def test_a_line_names_the_bus_where_an_arm_has_several(tmp_path):
     arm = load_arm("arm-two-buses")
     means = np.zeros(arm.n_tactels)
     means[arm.tactels_of(arm.patch_at(1, 1))] = 900.0  # node 1 of the lower bus, on the elbow
-    own = list(felt(arm, 1, Press(0, 0.03, 0.0, np.nan, means)))
+    own = list(felt(arm, 1, (0.03, 0.0, np.nan), means, np.full_like(means, np.nan)))
     write_presses(tmp_path / "out.csv", arm, own)
     with (tmp_path / "out.csv").open() as file:
         (row,) = csv.reader(file.readlines()[1:])
