@@ -13,7 +13,6 @@ def open_interface(
     *,
     bitrate: int | None = None,
     fd: bool = False,
-    without_numba: bool = False,
 ) -> Bus:
     """Open an interface by its python-can name; the arguments are those of its class.
 
@@ -21,5 +20,5 @@ def open_interface(
         BusError: it cannot be opened; the message says what to do.
     """
     if interface == "socketcan":
-        return SocketCanBus(channel or DEFAULT_CHANNELS["socketcan"], fd=fd, without_numba=without_numba)
+        return SocketCanBus(channel or DEFAULT_CHANNELS["socketcan"], fd=fd)
     return PythonCanBus(interface, channel, bitrate=bitrate, fd=fd)

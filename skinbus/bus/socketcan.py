@@ -25,6 +25,7 @@ from skinbus.bus.socketcan_batch import (
     BatchReader,
     BatchWriter,
     filters,
+    finish_kernel,
     raise_receive_buffer,
     to_frames,
 )
@@ -50,12 +51,10 @@ class SocketCanBus(Bus):
         *,
         fd: bool = False,
         receive_buffer: int = RECEIVE_BUFFER,
-        without_numba: bool = False,
     ) -> None:
         """Open it; bit rates are set by ``ip link``, not here.
 
-        fd             whether CAN FD frames may be sent and are received
-        without_numba  for a core without a data plane: numba is not loaded
+        fd  whether CAN FD frames may be sent and are received
         Raises BusError that says what to do about it.
         """
         self.channel = channel
@@ -66,7 +65,7 @@ class SocketCanBus(Bus):
         self._receive_buffer = receive_buffer
         self._data_ids: CobIds = frozenset()
         self._control = self._open(None)
-        self._reader = BatchReader(self._control, self.clock, MAX_FRAMES, without_numba=without_numba)
+        self._reader = BatchReader(self._control, self.clock, MAX_FRAMES)
         self._writer = BatchWriter(self._control)
         self._data: socket.socket | None = None
         self._data_reader: BatchReader | None = None
@@ -96,7 +95,7 @@ class SocketCanBus(Bus):
         try:
             if data_ids and self._data is None:
                 self._data = self._open(data_ids)
-                self._data_reader = BatchReader(self._data, self.clock, MAX_FRAMES)
+                self._data_reader = BatchReader(self._data, self.clock, MAX_FRAMES, finish_kernel())
                 self.batch = self._data_reader.batch
                 self._sockets.append(self._data)
                 self._babble = BabbleWatch(self._open(frozenset()), self._packets, self.clock)

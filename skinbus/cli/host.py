@@ -6,22 +6,17 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from types import TracebackType
 from typing import Any, Self
 
 from skinbus.bus.core_thread import CoreThread
 from skinbus.bus.loop import LoopReport
 from skinbus.can.core import Core, Step
-from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.stop_signals import Ending
 from skinbus.skin.addresses import BusAddress
-
-NOT_FOR_PEOPLE = {EventKind.STOP, EventKind.DROPPED, EventKind.NMT_STATE, EventKind.PATCH_STARTED}
-"""Kinds of events that are part of every day; the counters report dropped frames."""
 
 POLL_S = 0.2
 """How often a waiting command looks whether its core still runs."""
@@ -90,7 +85,6 @@ class Host:
         steady: bool = False,
         names: Sequence[str] = (),
         on_step: Callable[[Step], Any] | None = None,
-        without_numba: bool = False,
     ) -> None:
         """``final_frames`` returns the last frames to send, when the core has been stopped.
 
@@ -104,9 +98,9 @@ class Host:
         self._ending = Ending()
         self._thread = CoreThread(
             core,
-            *(partial(place.open, without_numba=without_numba) for place in places),
+            *(place.open for place in places),
             final_frames=final_frames,
-            on_event=self._show,
+            on_event=self._log.take,
             on_step=on_step,
             complain=say,
             urgent=urgent,
@@ -146,7 +140,3 @@ class Host:
         if self._ending.asked:
             self._log.show(all_of_it=True)  # what came before comes first
             self._say("stopping")
-
-    def _show(self, event: Event) -> None:
-        if event.kind not in NOT_FOR_PEOPLE:
-            self._log.take(event)

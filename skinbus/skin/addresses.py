@@ -31,15 +31,10 @@ class BusAddress(NamedTuple):
     data_bitrate: int | None = None
     """Of CAN FD; None for classic CAN."""
 
-    def open(self, *, without_numba: bool = False) -> Bus:
+    def open(self) -> Bus:
         """Open it; BusError says what to do if that fails."""
-        return open_interface(
-            self.interface,
-            self.channel,
-            bitrate=self.bitrate,
-            fd=self.data_bitrate is not None,
-            without_numba=without_numba,
-        )
+        fd = self.data_bitrate is not None
+        return open_interface(self.interface, self.channel, bitrate=self.bitrate, fd=fd)
 
     def __str__(self) -> str:
         return f"{self.interface} {self.channel}" if self.channel else self.interface

@@ -109,7 +109,6 @@ def command(
         on_step=follow,
         say=say,
         urgent=True,
-        without_numba=True,
     )
     guarded = f"{loaded.guarded.sum()} of {counted(loaded.n_patches, 'patch')} guarded on {shown(places)}"
     echo(f"{loaded.name}: {guarded}; stops: {', '.join(stops)}; Ctrl-C stops the robot, too")
@@ -162,8 +161,10 @@ class Outside:
         """Prepare them: functions first, they are faster."""
         self.begin = threading.Event()
         self._say = say
-        calls = [(stop, _call(stop)) for stop in sorted(stops, key=lambda stop: stop.kind != "python")]
-        self._threads = [threading.Thread(target=self._wait, args=call, daemon=True) for call in calls]
+        ordered = sorted(stops, key=lambda stop: stop.kind != "python")
+        self._threads = [
+            threading.Thread(target=self._wait, args=(stop, _call(stop)), daemon=True) for stop in ordered
+        ]
         for thread in self._threads:
             thread.start()
 

@@ -11,7 +11,7 @@ from contextlib import nullcontext
 import click
 
 from skinbus.bus.monotonic_clock import MonotonicClock
-from skinbus.bus.socketcan_batch import BatchReader
+from skinbus.bus.socketcan_batch import BatchReader, finish_kernel
 from skinbus.cli.console import Console
 from skinbus.cli.host import compiling
 from skinbus.cli.output import echo
@@ -43,7 +43,7 @@ def command() -> None:
         if lock:  # everything is compiled once, however many ask for it
             fcntl.flock(lock, fcntl.LOCK_EX)
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
-            BatchReader(sock, MonotonicClock(), 1)
+            BatchReader(sock, MonotonicClock(), 1, finish_kernel())
         for level in reversed(LEVELS):  # who started this may compile `kmeans` meanwhile
             with simulate(ARM, level=level) as skin:  # the smallest arm: kernels are the same for all
                 next(skin)
