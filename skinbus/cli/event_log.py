@@ -8,10 +8,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from skinbus.can.event import Event
+from skinbus.can.event import Event, EventKind
 from skinbus.cli.formatting import counted, nodes
 from skinbus.printable import printable
 
+NOT_FOR_PEOPLE = {EventKind.STOP, EventKind.DROPPED, EventKind.NMT_STATE, EventKind.PATCH_STARTED}
+"""Kinds of events that are part of every day; the counters report dropped frames."""
 MOMENT_S = 0.25
 """Equal events so close together are one line: a bus that fails takes all of its patches with it."""
 BURST = 6
@@ -62,8 +64,9 @@ class EventLog:
         self._stretches: dict[tuple[int, str], _Stretch] = {}
 
     def take(self, event: Event) -> None:
-        """Take an event."""
-        self._new.append((self._now(), event))
+        """Take an event; what is part of every day is passed over."""
+        if event.kind not in NOT_FOR_PEOPLE:
+            self._new.append((self._now(), event))
 
     def show(self, *, all_of_it: bool = False) -> None:
         """Say what is older than a moment, or everything at the end."""

@@ -33,6 +33,9 @@ class Range(click.FloatRange):
         return number
 
 
+POSITIVE = Range(min=0.0, min_open=True)
+
+
 def file_option(*names: str, **settings: Any) -> Callable[..., Any]:
     """Return an option that names a file; ``settings`` are those of click."""
     return click.option(*names, type=INPUT, **settings)
@@ -110,9 +113,7 @@ def level_option(what: str = "Level of the estimator.") -> Callable[..., Any]:
     return click.option("--level", default=DEFAULT_LEVEL, show_default=True, type=choice, help=what)
 
 
-seconds_option = click.option(
-    "--seconds", type=Range(min=0.0, min_open=True), help="Stop after this time, s."
-)
+seconds_option = click.option("--seconds", type=POSITIVE, help="Stop after this time, s.")
 
 zero_option = click.option("--zero", is_flag=True, help="Take the first readings of each patch as its zero.")
 

@@ -17,7 +17,7 @@ from skinbus.cli.commands.scan import NO_NODE
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import run_to_end
-from skinbus.cli.options import Range, Where, bus_options, file_option
+from skinbus.cli.options import POSITIVE, Where, bus_options, file_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_columns
 from skinbus.cli.progress import progress
@@ -310,7 +310,7 @@ def _write_relays(name: str, out: Path) -> None:
     "--response-ms",
     default=5.0,
     show_default=True,
-    type=Range(min=0.0, min_open=True),
+    type=POSITIVE,
     help="Longest time from SYNC to the last of its TPDOs.",
 )
 @click.option("--store", is_flag=True, help="Check storage too: the parameters stored in the board are lost.")

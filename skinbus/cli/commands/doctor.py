@@ -9,7 +9,7 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,10 +24,10 @@ from skinbus.cli.options import Where, bus_options
 from skinbus.cli.output import echo
 from skinbus.config.arm_file import find_arm
 from skinbus.config.system import load_arm
-from skinbus.errors import AddressError, BusError, ConfigError
+from skinbus.errors import BusError
 from skinbus.model import BusSettings
 from skinbus.robot.chain import check_robot
-from skinbus.skin.addresses import BusAddress, interface_of
+from skinbus.skin.addresses import BusAddress
 from skinbus.skin.shared_memory import name_for
 
 UNIT_ARM = "/etc/skinbus/arm.toml"
@@ -52,7 +52,8 @@ def command(arm: str | None, where: Where, unit: bool) -> None:
 
     `skinbus scan` and `skinbus configure --dry-run` check the boards.
 
-    Nothing is changed. Status 1 when there is something to do, 2 when there is no such arm or interface.
+    Nothing is changed. Status 1 when there is something to do, 2 when the arm file has faults, or there is no
+    such interface or no channel.
 
     \b
     Examples:
@@ -167,28 +168,17 @@ def _links() -> dict[str, dict[str, Any]]:
 
 def examine(name: str | None, where: Where) -> Iterator[Finding]:
     """Return the findings, one check after the other."""
-    arm = None
+    buses: Sequence[BusSettings] = ()
     if name:
-        try:
-            arm = check_robot(load_arm(name))
-            speeds = " and ".join(f"{bus.bitrate // 1000} kbit/s" for bus in arm.buses)
-            patches = f"{counted(arm.n_patches, 'patch')} at {arm.bus.rate_hz:g} Hz"
-            yield Finding("arm", f"{arm.name}: {patches}, {speeds}")
-        except ConfigError as error:
-            if not Path(name).exists():
-                raise  # a slip of the keyboard; nothing of what follows was meant
-            yield Finding("arm", str(error), True, "mend the file")
-    buses = arm.buses if arm else (BusSettings(),)
-    interface_of(buses[0], where.interface)  # one that there is not is a slip, too
-    try:
-        places = where.places(*buses)
-    except AddressError as error:
-        yield Finding("channel", str(error), True, "say it by -c, or in the arm file")
-        places = []
-    for place in places:
+        arm = check_robot(load_arm(name))
+        buses = arm.buses
+        speeds = " and ".join(f"{bus.bitrate // 1000} kbit/s" for bus in buses)
+        patches = f"{counted(arm.n_patches, 'patch')} at {arm.bus.rate_hz:g} Hz"
+        yield Finding("arm", f"{arm.name}: {patches}, {speeds}")
+    for place in where.places(*buses):
         found = list(check_interface(place)) if place.interface == "socketcan" else []
         yield from found
-        if not any(finding.check == "interface" and finding.is_wrong for finding in found):
+        if not (found and found[0].is_wrong):
             yield from check_open(place)
     yield from check_machine()
 

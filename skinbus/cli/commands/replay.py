@@ -11,12 +11,10 @@ from pathlib import Path
 
 import click
 
-from skinbus.can.event import Event
 from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.formatting import counted
-from skinbus.cli.host import NOT_FOR_PEOPLE
 from skinbus.cli.options import channels_option, file_option, level_option, zero_option
 from skinbus.cli.output import echo
 from skinbus.cli.recorded import CONTACT_COLUMNS, Recorded, values_of
@@ -63,18 +61,9 @@ def command(
     events = EventLog(
         partial(console.print, soft_wrap=True),
         [bus.name for bus in loaded.buses],
-        now=lambda: now_s,
+        now=lambda: recorded.now_s,
         stamp=lambda t: f"{t:9.3f} s ",
     )
-
-    now_s = 0.0
-
-    def on_event(event: Event) -> None:
-        nonlocal now_s
-        now_s = 1e-9 * event.t_ns
-        if event.kind not in NOT_FOR_PEOPLE:
-            events.take(event)
-
     recorded = Recorded(
         "/dev/stdin" if log == "-" else log,
         loaded,
@@ -82,7 +71,7 @@ def command(
         console,
         level=level,
         zero=zero,
-        on_event=on_event,
+        on_event=events.take,
     )
     with open(out, "w", encoding="utf-8", newline="") if out else nullcontext() as file:
         table = csv.DictWriter(file, CONTACT_COLUMNS, lineterminator="\n") if file else None
@@ -90,7 +79,6 @@ def command(
             table.writeheader()
         for cycle, t_ns, _ in recorded:
             t_s = 1e-9 * cycle.t_ns
-            now_s = max(now_s, t_s)
             events.show()
             n_cycles += 1
             for contact in cycle.contacts:

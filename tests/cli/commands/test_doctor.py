@@ -63,20 +63,6 @@ def test_doctor_says_what_to_do_and_returns_one():
     assert re.search(r"^ok   arm +forearm: 24 patches", answer, re.MULTILINE)
 
 
-def test_doctor_finds_a_wrong_arm_file(tmp_path):
-    wrong = tmp_path / "wrong.toml"
-    wrong.write_text("[arm]\nrate_hz = 50.0\n")
-    answer = run("doctor", wrong, "--interface", "virtual", "--channel", "empty-bus", status=1)
-    assert "-> mend the file" in answer
-
-
-def test_doctor_of_buses_without_channels_names_them_and_goes_on():
-    answer = run("doctor", "arm-two-buses", status=1)
-    assert "bus lower has no channel" in answer
-    assert "wake-ups" in answer
-    run("doctor", "arm-two-buses", "--interface", "virtuel", status=2)
-
-
 def test_interface_is_what_ip_says_of_it(tmp_path, monkeypatch):
     lo = {"ifname": "lo", "flags": ["LOOPBACK", "UP"], "mtu": 65536, "link_type": "loopback"}
     can = {"ifname": "can0", "flags": ["NOARP", "ECHO"], "mtu": 16, "txqlen": 10, "link_type": "can"}
