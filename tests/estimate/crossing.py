@@ -15,13 +15,11 @@ NEAR = 0.02
 """... so near to the middle, m."""
 OFFSET = 0.004
 """m: how far off they pass each other."""
-TURN = 0.004
-"""m: from the middle, where they turn back."""
 FOUND = 0.015
 """A contact further from a touch than this is not that touch, m."""
 
 
-def meet(estimator, speed, *, turns=False, seed=0):
+def meet(estimator, speed, seed):
     """Return what becomes of two touches that meet head-on: "kept", "exchanged" or "new" identities."""
     arm = estimator.arm
     surface, law = arm.links[0].surface, arm.patches[0].patch.law
@@ -35,8 +33,6 @@ def meet(estimator, speed, *, turns=False, seed=0):
     seen = []
     for n in range(-int(reach / step), int(reach / step) + 1):
         way = (n + phase) * step
-        if turns:
-            way = -abs(way) - TURN
         places = middle + way * ways + aside
         pressures = SIGMA * rng.standard_normal(arm.n_tactels)
         for s, a in places:

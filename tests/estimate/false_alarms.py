@@ -29,31 +29,17 @@ class Touches:
         self._law = Elastic().bind(Geometry.of(ARM, discs=True), INDENTERS)
         self._loads = Loads(MOST)
 
-    def press(self, kind, force, boards, within=0.008):
-        """Return (n_tactels,) Pa of one of ``INDENTERS`` on each of some boards, near a tactel."""
-        rng, loads, n = self.rng, self._loads, len(boards)
-        i = np.array([ARM.tactels_of(p).start + rng.integers(16) for p in boards])
-        loads.n = n
-        loads.link[:n], loads.indenter[:n], loads.force[:n] = ARM.patch_link[boards], kind, force
-        loads.radius[:n] = 0.5 * INDENTERS[kind].length
-        loads.s[:n], loads.a[:n] = np.array([ARM.tactel_s[i], ARM.tactel_a[i]]) + rng.uniform(
-            -within, within, (2, n)
-        )
-        clean = np.zeros(N)
-        self._law.add(loads, clean)
-        return self.gain * clean
-
-    def touch(self, at=None, within=0.02, most=MOST, moves=0.01):
-        """Yield (n_tactels,) Pa, cycle by cycle, of a touch near random tactels, or near one."""
+    def touch(self):
+        """Yield (n_tactels,) Pa, cycle by cycle, of a touch within 20 mm of random tactels."""
         rng, loads = self.rng, self._loads
-        n, cycles = rng.integers(1, most + 1), rng.integers(*PERIODS)
+        n, cycles = rng.integers(1, MOST + 1), rng.integers(*PERIODS)
         loads.n = n
-        i = rng.integers(N, size=n) if at is None else np.full(n, at)
-        r, angle = within * np.sqrt(rng.random(n)), 2.0 * np.pi * rng.random(n)
+        i = rng.integers(N, size=n)
+        r, angle = 0.02 * np.sqrt(rng.random(n)), 2.0 * np.pi * rng.random(n)
         s, a = ARM.tactel_s[i] + r * np.cos(angle), ARM.tactel_a[i] + r * np.sin(angle)
         link = ARM.patch_link[ARM.tactel_patch[i]]
         kind = rng.integers(len(INDENTERS), size=n)
-        there = rng.uniform(-moves, moves, (2, n))
+        there = rng.uniform(-0.01, 0.01, (2, n))
         force = 10.0 ** rng.uniform(-0.3, 1.5, (2, n))
         loads.link[:n], loads.indenter[:n] = link, kind
         loads.radius[:n] = [0.5 * INDENTERS[k].length for k in kind]

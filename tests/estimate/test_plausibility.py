@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from skinbus.estimate import TactelFault
-from skinbus.sim.indenter import Indenter, Shape
 from skinbus.sim.laws import Elastic
-from skinbus.sim.layer import Geometry, Loads
-from tests.estimate.false_alarms import Touches, touched
+from tests.estimate.false_alarms import GAIN_SD, touched
 from tests.estimate.judged_skin import (
     ARM,
     BOARD,
@@ -22,6 +20,7 @@ from tests.estimate.judged_skin import (
     press,
     press_at,
 )
+from tests.skins import feel_of
 
 ROW_INSIDE = [BOARD.start + k for k in range(4, 8)]
 
@@ -170,20 +169,24 @@ def test_no_false_alarm_of_touches_anywhere_one_to_three_at_once(least):
 
 
 @pytest.mark.parametrize(
-    ("kind", "force"),
+    ("radius_mm", "force"),
     [
-        (0, 10.0),
-        (2, 30.0),
+        (1, 10.0),
+        (3, 30.0),
         *(
             pytest.param(*of, marks=pytest.mark.slow)
-            for of in [(0, 3.0), (0, 30.0), (1, 3.0), (1, 10.0), (2, 5.0)]
+            for of in [(1, 3.0), (1, 30.0), (2, 3.0), (2, 10.0), (3, 5.0)]
         ),
     ],
 )
-def test_tactels_beside_a_narrow_tip_that_presses_one_place_again_and_again_are_not_faulty(kind, force):
+def test_tactels_beside_a_narrow_tip_that_presses_one_place_again_and_again_are_not_faulty(radius_mm, force):
+    feel = feel_of(ARM, Elastic(), 1e-3 * radius_mm)
     for seed in range(12):
         skin = Skin(1700 + seed)
-        touch = Touches(skin.rng).press(kind, force, [0, 8, 16])
+        gain = 1.0 + GAIN_SD * skin.rng.standard_normal(N)
+        near = [BOARD.start - 80 + 128 * k + skin.rng.integers(16) for k in range(3)]
+        places = np.array([ARM.tactel_s[near], ARM.tactel_a[near]]) + skin.rng.uniform(-0.008, 0.008, (2, 3))
+        touch = gain * feel(np.column_stack([*places, np.full(3, force)]))
         skin.read(cycles=30)
         for _ in range(5):
             skin.read(touch, cycles=30)
@@ -196,11 +199,7 @@ def test_tactels_beside_a_narrow_tip_that_presses_one_place_again_and_again_are_
 def test_short_taps_are_no_jumps_wherever_they_are(tactel, cycles):
     """Of a tip of 2 mm in the middle of a tactel, too: its neighbours feel a hundredth of it."""
     skin = Skin(31)
-    law = Elastic().bind(Geometry.of(ARM, discs=True), [Indenter(Shape.DISC, 0.002)])
-    loads, touch = Loads(1), np.zeros(N)
-    loads.n, loads.force[0], loads.radius[0] = 1, 5.0, 0.001
-    loads.s[0], loads.a[0] = ARM.tactel_s[tactel], ARM.tactel_a[tactel]
-    law.add(loads, touch)
+    touch = feel_of(ARM, Elastic(), 0.001)(np.array([[ARM.tactel_s[tactel], ARM.tactel_a[tactel], 5.0]]))
     skin.read(cycles=60)
     for _ in range(40):
         skin.read(touch, cycles=cycles)

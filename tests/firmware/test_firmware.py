@@ -19,8 +19,6 @@ from skinbus.node.context import NS_PER_MS
 from skinbus.objects.eds import eds_names, find_eds, load_eds
 from skinbus.objects.eds_text import EdsText
 from skinbus.objects.guard import GFC_ID
-from skinbus.sim import load_scene
-from skinbus.skin.simulated import simulate
 from tests.firmware.firmware_device import EMPTY, FLAGS, FirmwareDevice, code_of
 from tests.firmware.traffic import Traffic
 
@@ -178,28 +176,6 @@ def test_parameters_of_another_program_are_not_taken_but_its_node_id_is():
     assert boot_up.can_id == 0x709
     assert (emcy.can_id, emcy.data[:2]) == (0x89, b"\x00\x63")
     assert other.get(0x1017) != 100
-
-
-@pytest.mark.slow
-def test_scene_on_24_firmware_boards_gives_the_contacts_of_simulated_ones(monkeypatch):
-    scene = load_scene("forearm")
-    simulated = contacts_of(scene)
-
-    def firmware(od, node_id, storage):
-        eds = next(name for name in BOARDS if load_eds(name, 1)[0x1018][2].default == od[0x1018][2].default)
-        return FirmwareDevice(code_of(eds), node_id, flash=bytearray(EMPTY))
-
-    monkeypatch.setattr("skinbus.sim.world.Device", firmware)
-    own = contacts_of(scene)
-    assert len(simulated) > 50
-    assert own == simulated
-
-
-def contacts_of(scene):
-    """Return the contacts of the cycles in which there are some."""
-    with simulate(scene, level="kmeans") as skin:
-        cycles = [[(c.link, c.s, c.a, c.force) for c in cycle.contacts] for cycle in skin]
-    return [contacts for contacts in cycles if contacts]
 
 
 def test_board_of_ones_own_keeps_every_rule(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from skinbus.errors import EdsError
-from skinbus.estimate import LEVELS, Baseline, Estimator, Quality, Tracker
+from skinbus.estimate import LEVELS, Baseline, Estimator, Tracker
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, Transducer, grid
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
@@ -104,14 +104,6 @@ def test_numbers_in_an_eds_that_are_none_are_named(name, value, monkeypatch):
 
 
 # --- Full scale -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("level", LEVELS[1:])
-def test_a_reading_at_the_end_of_the_counts_is_saturated_however_far_its_zero_is_off(level):
-    arm = board(offset=np.full(16, 700.0))
-    pressures = pressures_under(arm, [(0, 0.005, 0.005, 5.0)])
-    pressures[10] = (32767 - 700.0) * arm.patches[0].patch.transducer.step
-    assert Estimator(arm, level).update(pressures, 0)[0].quality & Quality.SATURATED
 
 
 @pytest.mark.parametrize("level", LEVELS)

@@ -47,11 +47,6 @@ def warm(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_second_start_loads_what_the_first_has_compiled(warm):
-    assert use_a_kernel(warm) == (["123", "loaded"], "")
-
-
-@pytest.mark.slow
 def test_damaged_entry_is_removed_and_compiled_anew_and_one_line_says_so(warm):
     (entry,) = entries(warm)
     sound = entry.read_bytes()

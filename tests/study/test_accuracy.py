@@ -9,7 +9,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from skinbus.estimate import LEVELS, Estimator
+from skinbus.estimate import Estimator
 from skinbus.sim.laws import Elastic
 from tests.bench.estimator import COLUMNS, errors, figures
 from tests.skins import DRAWS, SKINS, feel_of, reached
@@ -69,16 +69,6 @@ def test_light_presses_at_a_rim_are_not_said_to_be_strong_ones_beyond_it():
     assert found["force %"] <= 6.0
 
 
-@pytest.mark.parametrize("level", ["kmeans", "fit", "full"])
-def test_two_fingers_apart_across_a_seam_are_two_out_of_the_box(level):
-    skin = SKINS["box forearm"](np.random.default_rng(SEED_HERE))
-    touches = np.array([[0.0793, -0.0899, 5.0], [0.0902, -0.0631, 5.0]])
-    contacts = Estimator(skin.arm, level).update(skin.feel(touches), 0)
-    # they were one of 30 N: the foot of the one contact was taken for as high as its force made it
-    assert len(contacts) == 2
-    assert contacts.force.sum() == pytest.approx(10.0, rel=0.3)
-
-
 @pytest.mark.parametrize(("level", "most"), [("kmeans", 2.0), ("fit", 1.4), ("full", 1.4)])
 def test_thumb_on_a_corner_of_four_boards_is_no_giant_out_of_the_box(level, most):
     arm = SKINS["box forearm"](np.random.default_rng(SEED_HERE)).arm
@@ -88,12 +78,3 @@ def test_thumb_on_a_corner_of_four_boards_is_no_giant_out_of_the_box(level, most
     assert len(contacts) == 1
     # no tactel is nearer than 15 mm, where the law of a finger has 1 % of its peak: the inverse was 66 N
     assert 12.0 / most <= contacts.force[0] <= 12.0 * most
-
-
-def test_noise_alone_makes_no_contact():
-    rng = np.random.default_rng(SEED_HERE)
-    skin = SKINS["forearm"](rng)
-    nothing = np.zeros(skin.arm.n_tactels)
-    for level in LEVELS:
-        estimator = Estimator(skin.arm, level)
-        assert not any(len(estimator.update(skin.read(nothing, rng), k)) for k in range(1000))
