@@ -129,7 +129,11 @@ class LazyGroup(click.Group):
                 formatter.write_dl([(f"{name:9}", text) for name, text in commands.items()])
 
 
-@click.group(cls=LazyGroup, epilog=EXAMPLES, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=LazyGroup,
+    epilog=EXAMPLES,
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
+)
 @click.version_option(__version__, prog_name="skinbus")
 def group() -> None:
     """Contacts from tactile skin patches on a CAN bus: CANopen in, CANopen out, no ROS."""

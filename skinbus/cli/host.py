@@ -83,18 +83,16 @@ class Host:
         say: Callable[[str], Any] = print,
         urgent: bool = False,
         steady: bool = False,
-        names: Sequence[str] = (),
         on_step: Callable[[Step], Any] | None = None,
     ) -> None:
         """``final_frames`` returns the last frames to send, when the core has been stopped.
 
-        ``places`` and, for messages, ``names`` are those of the core's buses.
-        Events are shown through ``say``. With ``urgent`` the
+        ``places`` are those of the core's buses. Events are shown through ``say``. With ``urgent`` the
         core's thread comes before all others; with that or ``steady`` garbage is collected in pauses only.
         ``on_step`` is called after each step of the core, in its thread.
         """
         self._say = say
-        self._log = EventLog(say, names)
+        self._log = EventLog(say, [place.name or place.channel or place.interface for place in places])
         self._ending = Ending()
         self._thread = CoreThread(
             core,

@@ -53,6 +53,10 @@ class Where(NamedTuple):
         """Return where the buses of an arm are, or that of no arm file."""
         return addresses.find_places(buses or (BusSettings(),), self.interface, self.channels, self.bitrate)
 
+    def words(self) -> dict[str, Any]:
+        """Return what ``skinbus.listen`` is to be given."""
+        return {"interface": self.interface, "channel": self.channels, "bitrate": self.bitrate}
+
     def of(self, arm: Arm) -> tuple[Arm, BusAddress]:
         """Return the part of an arm on one bus, and where the bus is."""
         part = addresses.one_bus(arm, self.names)
@@ -110,7 +114,7 @@ DEFAULT_LEVEL = "fit"
 def level_option(what: str = "Level of the estimator.") -> Callable[..., Any]:
     """Return --level."""
     choice = click.Choice(LEVELS)
-    return click.option("--level", default=DEFAULT_LEVEL, show_default=True, type=choice, help=what)
+    return click.option("--level", default=DEFAULT_LEVEL, type=choice, help=what)
 
 
 seconds_option = click.option("--seconds", type=POSITIVE, help="Stop after this time, s.")

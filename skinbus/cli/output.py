@@ -139,16 +139,6 @@ def extra_wanted(name: str) -> Iterator[None]:
         raise SkinbusError(f"this needs {error.name}: pip install 'skinbus[{name}]'") from error
 
 
-def folder(ctx: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
-    """Make a folder before the work begins, or refuse it."""
-    if value is not None:
-        try:
-            value.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise click.BadParameter(f"cannot make {file_error(error)}") from error
-    return value
-
-
 def _of_kind(what: str, *kinds: str) -> Callable[..., Path | None]:
     """Return what refuses a file of another kind, or one that cannot be written."""
 

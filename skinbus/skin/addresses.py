@@ -30,6 +30,8 @@ class BusAddress(NamedTuple):
     bitrate: int
     data_bitrate: int | None = None
     """Of CAN FD; None for classic CAN."""
+    name: str = ""
+    """Of the bus in the arm file."""
 
     def open(self) -> Bus:
         """Open it; BusError says what to do if that fails."""
@@ -73,7 +75,7 @@ def find_places(
             faults.append(f"bus {bus.name} has no channel: {how_to_say(bus)}, or channel in its [[bus]]")
         elif channel is None and where in NEED_CHANNEL:
             faults.append(f"{where} is behind a serial port: give --channel, such as /dev/ttyACM0")
-        place = BusAddress(where, channel, bitrate or bus.bitrate, bus.data_bitrate)
+        place = BusAddress(where, channel, bitrate or bus.bitrate, bus.data_bitrate, bus.name)
         if channel is not None and place[:2] in [other[:2] for other in places]:
             faults.append(f"bus {bus.name} is on {place}, as another bus is")
         places.append(place)

@@ -33,7 +33,7 @@ sim forarm                                              -> forarm | forearm
 monitor pad --interface sockatcan                       -> sockatcan | socketcan
 plan pad --bitrate 623456                               -> 125000
 plan none.toml                                          -> wanted a file that can be read, or one of arm
-study paper --out /proc/figures                         -> cannot make
+study paper --out /proc/figures                         -> /proc/figures
 study arm --out my.toml                                 -> my.toml
 board lint none.eds                                     -> an EDS or DCF file that can be read, or one of
 board new --grid 6 --pitch-mm 8 --out x.eds             -> '6' is no grid

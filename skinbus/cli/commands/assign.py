@@ -23,7 +23,6 @@ from skinbus.objects.profile import MASTER_NODE_ID
 @click.option(
     "--timeout-ms",
     default=20,
-    show_default=True,
     type=click.IntRange(5, 1000),
     help="How long a node is given to answer; a scan takes up to 140 of it.",
 )

@@ -100,10 +100,8 @@ def _positions(path: Path) -> Floats:
     type=float,
     help="From one tactel to the next, mm; for positions by default the least distance.",
 )
-@click.option("--bits", default=12, show_default=True, help="Of the converter, 8 to 16; 16 with --module.")
-@click.option(
-    "--full-scale-kpa", default=250.0, show_default=True, type=float, help="Pressure at the largest reading."
-)
+@click.option("--bits", default=12, help="Of the converter, 8 to 16; 16 with --module.")
+@click.option("--full-scale-kpa", default=250.0, type=float, help="Pressure at the largest reading.")
 @click.option("--canfd", is_flag=True, help="For a bus with CAN FD: 31 readings of 16 bits in a frame.")
 @click.option("--module", help="EDS of an analogue module: its inputs are the tactels, input 1 first.")
 @file_option(
@@ -182,7 +180,6 @@ def _dcf_of(module: str, board: NewBoard) -> str:
 @click.option(
     "--first-board",
     default=1,
-    show_default=True,
     type=click.IntRange(0, 15),
     help="Address of the first board in the file.",
 )
@@ -305,11 +302,10 @@ def _write_relays(name: str, out: Path) -> None:
 @command.command()
 @bus_options
 @click.option("--node", "node_id", required=True, type=click.IntRange(1, 126), help="Node-ID of the board.")
-@click.option("--eds", default="skin-patch", show_default=True, help="EDS or DCF of the board.")
+@click.option("--eds", default="skin-patch", help="EDS or DCF of the board.")
 @click.option(
     "--response-ms",
     default=5.0,
-    show_default=True,
     type=POSITIVE,
     help="Longest time from SYNC to the last of its TPDOs.",
 )
@@ -318,7 +314,6 @@ def _write_relays(name: str, out: Path) -> None:
 @click.option(
     "--syncs",
     default=N_SYNCS,
-    show_default=True,
     type=click.IntRange(50, 1_000_000),
     help="Number of SYNCs, 20 ms each.",
 )

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -92,7 +93,7 @@ def command(
       skinbus calibrate forearm presses.csv --out patch.dcf --all-of-kind
     """
     whole, arm_file = load_arm(arm), read_arm_file(find_arm(arm))
-    output.keep_files([out, *(file_of(out, whole, placed) for placed in whole.patches)], arm, arm_file.files)
+    output.keep_files([out, *(file_of(out, whole, p) for p in range(whole.n_patches))], arm, arm_file.files)
     judged, rows = [], []
     for table, lines in tables_of(whole, read_presses(whole, presses)):
         judged.append(one := judge(table))
@@ -107,10 +108,10 @@ def command(
         echo("nothing is written" + ("; --force writes it all the same" if learned else ""), err=True)
         sys.exit(1)
     boards = [board for judgement in learned for board in boards_of(whole, judgement, all_of_kind)]
-    for placed, own in boards:
-        file = out if len(boards) == 1 else file_of(out, whole, placed)
-        write(placed, own, file)
-        echo(f"{file}: eds of node {whole.node_label(whole.patch_at(placed.node_id, placed.bus))}")
+    for p, own in boards:
+        file = out if len(boards) == 1 else file_of(out, whole, p)
+        write(whole.patches[p], own, file)
+        echo(f"{file}: eds of node {whole.node_label(p)}")
 
 
 def report(judged: Judgement, lines: Ints) -> Iterator[str]:
@@ -153,30 +154,29 @@ def report(judged: Judgement, lines: Ints) -> Iterator[str]:
             yield BETTER
 
 
-def boards_of(
-    whole: Arm, judgement: Judgement, all_of_kind: bool
-) -> Iterator[tuple[PlacedPatch, Calibration]]:
+def boards_of(whole: Arm, judgement: Judgement, all_of_kind: bool) -> Iterator[tuple[int, Calibration]]:
     """Return the boards pressed, if wanted the others of their kind, and what each is to hold."""
     part, learned = judgement.table.arm, judgement.calibration
     assert learned is not None
-    of_board = [learned.of(part.tactels_of(p)) for p in range(part.n_patches)]
-    yield from zip(part.patches, of_board, strict=True)
-    pressed = {(placed.bus, placed.node_id) for placed in part.patches}
-    for p, placed in enumerate(whole.patches if all_of_kind else ()):
-        if (placed.bus, placed.node_id) not in pressed and kind_of(whole, p) == kind_of(part, 0):
-            n = placed.patch.n_tactels
-            own = replace(
-                of_board[0], gain=np.array(whole.tactel_gain[whole.tactels_of(p)]), residual_map=None
+    pressed = {
+        whole.patch_at(placed.node_id, placed.bus): learned.of(part.tactels_of(p))
+        for p, placed in enumerate(part.patches)
+    }
+    yield from pressed.items()
+    for p in range(whole.n_patches if all_of_kind else 0):
+        if p not in pressed and kind_of(whole, p) == kind_of(part, 0):
+            n = whole.patches[p].patch.n_tactels
+            gain, noise = (
+                np.array(whole.tactel_gain[whole.tactels_of(p)]),
+                np.full(n, np.median(learned.noise)),
             )
-            noise = np.full(n, np.median(learned.noise))
-            yield placed, replace(own, width=np.ones(n), bias=np.zeros(n), noise=noise)
+            same: dict[str, Any] = {"gain": gain, "width": np.ones(n), "bias": np.zeros(n), "noise": noise}
+            yield p, replace(learned, **same, residual_map=None)
 
 
-def file_of(out: Path, whole: Arm, placed: PlacedPatch) -> Path:
+def file_of(out: Path, whole: Arm, p: int) -> Path:
     """Return the file of one of several boards: with the node-ID, and the bus if there are several."""
-    return out.with_stem(
-        f"{out.stem}-{whole.node_label(whole.patch_at(placed.node_id, placed.bus))}".replace(" ", "-")
-    )
+    return out.with_stem(f"{out.stem}-{whole.node_label(p)}".replace(" ", "-"))
 
 
 def write(placed: PlacedPatch, own: Calibration, file: Path) -> None:

@@ -32,9 +32,7 @@ NOTE = (
 
 @click.command()
 @click.argument("arm")
-@click.option(
-    "--force-n", "force", default=5.0, show_default=True, type=Range(0.01, 1000.0), help="Of the contact, N."
-)
+@click.option("--force-n", "force", default=5.0, type=Range(0.01, 1000.0), help="Of the contact, N.")
 @file_option("--figure", callback=output.svg, help="Draw the links unrolled (.svg).")
 def command(arm: str, force: float, figure: Path | None) -> None:
     """Compute how well each point of ARM (a name or a TOML file) is felt, before a board is ordered.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import resource
 import subprocess
 import sys
@@ -196,5 +195,4 @@ def unit_text(arm: str | None = None) -> str:
 
 def _word(word: str) -> str:
     """Return a word of a command as systemd reads it."""
-    word = word.replace("%", "%%").replace("$", "$$")
-    return word if re.fullmatch(r"[^\s\"'\\;]+", word) and word.isprintable() else json.dumps(word)
+    return json.dumps(word.replace("%", "%%").replace("$", "$$"))

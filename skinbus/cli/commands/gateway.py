@@ -55,7 +55,6 @@ def command(
         gateway,
         places,
         final_frames=gateway.stop_frames,
-        names=["CANopen", "skin"],
         urgent=True,  # as boards are: a master that computes must not make their readings late
     )
     n = counted(len(gateway.node_ids), "patch")

@@ -104,7 +104,6 @@ def command(
     host = Host(
         guard,
         places,
-        names=[bus.name for bus in loaded.buses],
         final_frames=guard.last_frames,
         on_step=follow,
         say=say,

@@ -27,7 +27,6 @@ STATE = Path("/var/lib/skinbus/state")
 @file_option(
     "--state",
     default=STATE,
-    show_default=True,
     help="The state that `skinbus run --state` keeps; the health is beside it.",
 )
 def command(arm: str, state: Path) -> None:

@@ -47,13 +47,7 @@ def command(arm: str, where: Where, is_stream: bool, seconds: float | None) -> N
     end_s = time.monotonic() + seconds if seconds else float("inf")
     with (
         Ending() as ending,
-        listen(
-            loaded,
-            interface=where.interface,
-            channel=where.channels,
-            bitrate=where.bitrate,
-            readings=not is_stream,
-        ) as skin,
+        listen(loaded, **where.words(), readings=not is_stream) as skin,
         live_screen(console, loaded, is_wanted=not is_stream) as show,
     ):
         while time.monotonic() < end_s and not ending.asked:

@@ -35,7 +35,6 @@ from skinbus.objects.profile import GUARD_PERIOD_US, has, index_of
 @click.option(
     "--rate-hz",
     default=100.0,
-    show_default=True,
     type=Range(min=1.0, max=1000.0),
     help="How often the function is called at most.",
 )

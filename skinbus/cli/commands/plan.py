@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 @click.option(
     "--response-us",
     default=100.0,
-    show_default=True,
     type=Range(min=0.0),
     help="Longest time of a patch from the end of the SYNC to its readings in the send queue.",
 )

@@ -15,7 +15,6 @@ from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.bus.recorder import Recorder
 from skinbus.can.candump import CandumpWriter
 from skinbus.cli import output
-from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
 from skinbus.cli.options import DEFAULT_BITRATE, Where, bus_options, seconds_option
@@ -64,21 +63,13 @@ def command(
     """
     places = where.places(*buses_for(arm, where.channels))
     names = [place.channel or place.interface for place in places]
-    console = Console(stderr=log == "-")
-    clock = MonotonicClock()
+    clock, say = MonotonicClock(), partial(echo, err=log == "-")
     with ExitStack() as stack:
         writer = CandumpWriter(sys.stdout if log == "-" else log, channels=names, clock=clock)
         stack.callback(writer.close)
         recorder = Recorder(writer, len(places))
         try:
-            host = Host(
-                recorder,
-                [*map(to_listen, places)],
-                names=names,
-                say=partial(console.print, soft_wrap=True),
-                steady=True,
-            )
-            say = partial(echo, err=log == "-")
+            host = Host(recorder, [*map(to_listen, places)], say=say, steady=True)
             say(f"recording {shown(places)} to {log}; Ctrl-C stops")
             with host:
                 host.wait(seconds)

@@ -107,7 +107,6 @@ def command(
     host = Host(
         run.master,
         places,
-        names=[bus.name for bus in loaded.buses],
         final_frames=run.master.stop,
         say=run.say,
         urgent=True,

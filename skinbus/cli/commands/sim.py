@@ -41,11 +41,10 @@ def command(
     played = load_scene(scene)
     arm = played.arm
     numbers = bus_numbers(arm, where.names)
-    buses = [arm.buses[k] for k in numbers]
-    places = where.places(*buses)
+    places = where.places(*(arm.buses[k] for k in numbers))
     world = World(played, ods_of(arm), repeat=True, buses=numbers, scan_ns=SCAN_NS)
     # A collection of all that a world of 126 patches is made of takes half a second: five cycles.
-    host = Host(world, places, names=[bus.name for bus in buses], steady=True)
+    host = Host(world, places, steady=True)
     n = len(world.devices)
     echo(f"{played.name}: {counted(n, 'patch')} of {arm.name} on {shown(places)}; Ctrl-C stops")
     with host:

@@ -7,7 +7,6 @@ from typing import Any
 
 import click
 
-from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.output import extra_wanted
 from skinbus.cli.progress import progress
@@ -20,9 +19,7 @@ def _out(name: str) -> Any:
         "--out",
         "folder",
         default=name,
-        show_default=True,
         type=kind,
-        callback=output.folder,
         help="Folder for figures (SVG) and tables (CSV).",
     )
 
@@ -40,9 +37,7 @@ def command() -> None:
 @command.command()
 @click.argument("arms", metavar="[ARM]...", nargs=-1)
 @_out("study-arm")
-@click.option(
-    "--trials", type=click.IntRange(min=20), default=400, show_default=True, help="Cycles of each point."
-)
+@click.option("--trials", type=click.IntRange(min=20), default=400, help="Cycles of each point.")
 def arm(arms: tuple[str, ...], folder: Path, trials: int) -> None:
     """Measure error against time for each ARM.
 
@@ -63,6 +58,7 @@ def arm(arms: tuple[str, ...], folder: Path, trials: int) -> None:
     with extra_wanted("figures"):
         from skinbus.study.draw import save
 
+    folder.mkdir(parents=True, exist_ok=True)
     loaded = [load_arm(name, check_load=False) for name in arms or ("forearm",)]
     console, points = Console(), list[arm_study.Point]()
     with progress(console, "points", len(loaded) * arm_study.N_POINTS) as done:
@@ -79,7 +75,6 @@ def arm(arms: tuple[str, ...], folder: Path, trials: int) -> None:
 @click.option(
     "--trials",
     default=400,
-    show_default=True,
     type=click.IntRange(min=1),
     help="Random touches of each cell.",
 )
@@ -97,6 +92,7 @@ def paper(folder: Path, trials: int) -> None:
     with extra_wanted("figures"):
         import skinbus.study.draw  # noqa: F401  refused now, not after minutes
 
+    folder.mkdir(parents=True, exist_ok=True)
     console = Console()
     with progress(console, "the paper's figures", N_CELLS) as done:
         make_all(folder, trials=trials, seed=0, done=done)

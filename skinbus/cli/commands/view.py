@@ -43,10 +43,9 @@ LOOPBACK = ("127.0.0.1", "::1", "localhost")
 @click.option(
     "--host",
     default="127.0.0.1",
-    show_default=True,
     help="Address to serve on; every machine that reaches it can see the skin.",
 )
-@click.option("--port", default=8080, show_default=True, type=click.IntRange(0, 65535), help="0: any.")
+@click.option("--port", default=8080, type=click.IntRange(0, 65535), help="0: any.")
 @seconds_option
 def command(
     source: str,
@@ -134,10 +133,7 @@ def source_of(
         opening = partial(simulate, scene, level=level, realtime=True, zero=scene.begins_untouched)
         return f"scene {source}", scene.arm, opening, AGAIN_S
     arm = load_arm(source, check_load=False)
-    opening = partial(
-        listen, arm, interface=where.interface, channel=where.channels, bitrate=where.bitrate, readings=True
-    )
-    return arm.name, arm, opening, None
+    return arm.name, arm, partial(listen, arm, **where.words(), readings=True), None
 
 
 def is_scene(source: str) -> bool:
