@@ -18,7 +18,6 @@ from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.can.core import Step
 from skinbus.can.frame import RTR, Frame
-from skinbus.master.commissioning.node_id_assignment import LssMaster
 from skinbus.master.commissioning.sessions import Listen, Reply, Request, Script, ScriptCore, Timeouts
 from skinbus.node.context import NS_PER_MS
 from skinbus.node.nmt import nmt_frame
@@ -189,21 +188,16 @@ class PatchCheck(ScriptCore):
 
         return is_it
 
-    @property
-    def is_beat(self) -> Callable[[Frame], bool]:
-        """What identifies its heartbeats and boot-up messages."""
-        return self.sends(cia.HEARTBEAT_BASE)
-
     def command(
         self, command: NmtCommand, ns: int = ANSWER_NS, until: Callable[[Frame], bool] | None = None
-    ) -> Script[list[Frame]]:
-        """Command the patch; return the frames that follow."""
-        received: list[Frame] = yield Listen(ns, until, (nmt_frame(command, self.node_id),))
-        return received
+    ) -> Script[None]:
+        """Command the patch, and give it time."""
+        yield Listen(ns, until, (nmt_frame(command, self.node_id),))
 
-    def reset(self, command: NmtCommand = NmtCommand.RESET_NODE) -> Script[list[Frame]]:
-        """Reset the patch; return the frames until its boot-up message."""
-        return (yield from self.command(command, BOOT_NS, self.sends(cia.HEARTBEAT_BASE, b"\0")))
+    def reset(self) -> Script[None]:
+        """Reset the patch, and wait for its boot-up message."""
+        is_boot_up = self.sends(cia.HEARTBEAT_BASE, b"\0")
+        yield from self.command(NmtCommand.RESET_NODE, BOOT_NS, is_boot_up)
 
 
 # parts of rules
@@ -261,42 +255,6 @@ def _spare_bits(patch: PatchCheck) -> int:
 # the rules
 
 
-def _boots(patch: PatchCheck) -> Check:
-    is_boot_up = patch.sends(cia.HEARTBEAT_BASE, b"\0")
-    yield Listen(ANSWER_NS)  # it may be booting
-    for command in (NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION):
-        *before, last = (yield from patch.reset(command)) or [SYNC]
-        after = f"after {command.name} (0x{command:02X})"
-        wait = f"within {BOOT_NS // NS_PER_MS} ms {after}"
-        late = f"no boot-up message {wait}; send 0x700 + node-ID with a byte of 0"
-        _need(is_boot_up(last), late)
-        for frame in before:
-            is_early = frame.can_id & 0x7F == patch.node_id and not patch.is_beat(frame)
-            _need(not is_early, f"sent 0x{frame.can_id:03X} before its boot-up message")
-        more = yield Listen(ANSWER_NS)
-        twice = f"more than one boot-up message {after}: does it reset itself again?"
-        _need(not any(map(is_boot_up, more)), twice)
-
-
-def _heartbeat(patch: PatchCheck) -> Check:
-    yield from _ask(_write(cia.HEARTBEAT_PRODUCER, 0, HEARTBEAT_MS, 2))
-    received = yield Listen((6 * HEARTBEAT_MS + HEARTBEAT_MS // 2) * NS_PER_MS)
-    times = [f.t_ns for f in received if patch.is_beat(f)]
-    few = f"{len(times)} heartbeats in {6 * HEARTBEAT_MS} ms at a period of {HEARTBEAT_MS} ms"
-    _need(len(times) >= 5, few)
-    worst = max(abs(b - a - HEARTBEAT_MS * NS_PER_MS) for a, b in pairwise(times[1:]))
-    off = f"heartbeats up to {worst / NS_PER_MS:.0f} ms off their period of {HEARTBEAT_MS} ms"
-    _need(worst <= 0.2 * HEARTBEAT_MS * NS_PER_MS, off)  # consumers wait 1.5 periods and more
-
-
-def _silent_before_start(patch: PatchCheck) -> Check:
-    yield from patch.command(NmtCommand.PRE_OPERATIONAL)
-    received = yield Listen(ANSWER_NS, send=(SYNC,))
-    ids = {pdo.cob_id for pdo in tpdos(patch.od) if pdo.valid}
-    for frame in received:
-        _need(frame.can_id not in ids, f"sent PDO 0x{frame.can_id:03X} in PRE-OPERATIONAL")
-
-
 def _communication(patch: PatchCheck) -> Check:
     places = []
     for pdo in tpdos(patch.od):
@@ -311,7 +269,7 @@ def _readings(patch: PatchCheck) -> Check:
 
     In the second half SYNCs carry a counter, if the board takes one.
     """
-    pdos, slowest, n = patch.pdos, 0, 0
+    pdos, slowest, n, is_beat = patch.pdos, 0, 0, patch.sends(cia.HEARTBEAT_BASE)
     ids = [pdo.cob_id for pdo in pdos]
     yield _write(cia.HEARTBEAT_PRODUCER, 0, HEARTBEAT_MS, 2)
     for overflow in (0, MAX_COUNTER):
@@ -324,7 +282,7 @@ def _readings(patch: PatchCheck) -> Check:
             sent_ns, n = patch.now_ns, n + 1
             counter = bytes([1 + k % MAX_COUNTER]) if is_counted else b""
             received = yield Listen(SYNC_PERIOD_NS, send=(Frame(cia.SYNC_ID, counter),))
-            patch.beats[-1] += [f.t_ns for f in received if patch.is_beat(f)]
+            patch.beats[-1] += [f.t_ns for f in received if is_beat(f)]
             at = f"after SYNC {n} of {patch.n_syncs}{f' (counter {counter[0]})' if counter else ''}"
             came = [f for f in received if f.can_id in ids]
             order = [f.can_id for f in came]
@@ -446,22 +404,6 @@ def _rests_in_band(patch: PatchCheck) -> Check:
         _need(abs(pressure) <= board.threshold, f"reading {sub} is {pressure:.0f} Pa untouched; {wanted}")
 
 
-def _lss(patch: PatchCheck) -> Check:
-    """Selected by its identity, it answers with its node-ID, and no longer when it is let go."""
-    yield from patch.command(NmtCommand.PRE_OPERATIONAL)
-    lss, address = LssMaster(ANSWER_NS), []
-    for sub in range(cia.IDENTITY_VENDOR, cia.IDENTITY_SERIAL + 1):
-        address.append((yield from _number(cia.IDENTITY, sub)))
-    is_other = yield from lss.select([*address[:-1], address[-1] ^ 1])
-    _need(not is_other, "answers LSS switch state selective with another serial number")
-    is_selected = yield from lss.select(address)
-    _need(is_selected, "does not answer LSS switch state selective with its identity")
-    node_ids = yield from lss.inquire_node_ids()
-    yield from lss.release()
-    _need(node_ids == [patch.node_id], "does not answer LSS inquire node-ID")
-    _need(not (yield from lss.inquire_node_ids()), "answers LSS inquire node-ID after it was let go")
-
-
 def _guard(patch: PatchCheck) -> Check:
     """Limits that no reading can be above arm it; damaged ones are refused."""
     if not has(patch.od, GUARD_LIMITS):
@@ -481,9 +423,6 @@ def _guard(patch: PatchCheck) -> Check:
 
 
 SCRIPTS: dict[str, Callable[[PatchCheck], Check]] = {
-    "boot-up": _boots,
-    "heartbeat": _heartbeat,
-    "silence": _silent_before_start,
     "PDO parameters": _communication,
     "readings": _readings,
     "new samples": _new_samples,
@@ -494,7 +433,6 @@ SCRIPTS: dict[str, Callable[[PatchCheck], Check]] = {
     "at rest": _rests_in_band,
     "pressed": _pressed,
     "guard": _guard,
-    "LSS": _lss,
 }
 """Of rules without a dialogue."""
 
@@ -503,6 +441,7 @@ COMMANDS = {
     "op": NmtCommand.START,
     "stop": NmtCommand.STOP,
     "reset": NmtCommand.RESET_NODE,
+    "comm": NmtCommand.RESET_COMMUNICATION,
 }
 
 
@@ -514,6 +453,8 @@ class Dialogue:
         self.heard: list[Frame] = []
         self.error = 0
         """Error register in the newest EMCY."""
+        self.value = b""
+        """What was read last."""
 
     def hold(self, steps: Sequence[str]) -> Check:
         """Go through the steps."""
@@ -541,7 +482,7 @@ class Dialogue:
         if verb in ("eds", "fits"):
             yield from _as_eds(self.patch, [_place(words[0])], zero_is_any=verb == "fits")
         elif verb in COMMANDS:
-            ns = BOOT_NS if verb == "reset" else STEP_NS
+            ns = BOOT_NS if verb in ("reset", "comm") else STEP_NS
             yield from self._hear(nmt_frame(COMMANDS[verb], self.node_id), ns=ns)
         elif verb == "++":
             yield from self._hear(ns=int(words[0]) * NS_PER_MS)
@@ -550,14 +491,30 @@ class Dialogue:
             is_filled = verb == "->" and frame.can_id & ~0x7F in (cia.SDO_CLIENT_BASE, 0x780)
             data = frame.data.ljust(8, b"\0") if is_filled else frame.data
             yield from self._hear(frame._replace(data=data, flags=RTR if verb == "=>" else 0))
+        elif verb == "^^":
+            return self._first(self._frame(words))
+        elif verb == "x":
+            n = sum(map(self.patch.sends(self._frame(words[2:]).can_id - self.node_id), self.heard))
+            return "" if int(words[0]) <= n <= int(words[1]) else f"came {n} times"
         else:
             return self._compare(verb, self._frame(words))
         return ""
 
     def _frame(self, words: Sequence[str]) -> Frame:
         base, plus, _ = words[0].partition("+n")
-        data = bytes.fromhex("".join(words[1:]).replace("n", f"{self.node_id:02X}"))
+        digits = "".join(words[1:]).replace("n", f"{self.node_id:02X}").replace("v", self.value.hex())
+        data = bytes.fromhex(digits)
         return Frame(int(base, 16) + self.node_id * bool(plus), data)
+
+    def _first(self, wanted: Frame) -> str:
+        """Return what is wrong unless, but for other heartbeats, this came first of its frames, and once."""
+        own = [frame for frame in self.heard if frame.can_id & 0x7F == self.node_id]
+        came = [(f.can_id, f.data) for f in own if f.can_id != wanted.can_id or f.data == wanted.data]
+        n = came.count((wanted.can_id, wanted.data))
+        if n != 1:
+            return f"came {n} times"
+        can_id, data = came[0]
+        return "" if can_id == wanted.can_id else f"0x{can_id:03X} {data.hex(' ')} came before it"
 
     def _compare(self, verb: str, wanted: Frame) -> str:
         """Return what is wrong with the frames that were heard with an identifier."""
@@ -575,6 +532,7 @@ class Dialogue:
         values, mark, codes = " ".join(words).partition("!")
         data = bytes.fromhex(values.strip("=&").replace("r", f"{self.error:02X}"))
         reply: Reply = yield Request(*_place(place), None if verb == "read" else data)
+        self.value = reply.data
         if mark and not reply.abort:
             return "was accepted"
         wanted = [int(code, 16) for code in codes.split()]
