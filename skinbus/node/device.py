@@ -177,9 +177,9 @@ class Device(Core):
         """A live view of ``n`` entries from ``sub`` on; see ``Values.view``."""
         return self.values.view(index, sub, n)
 
-    def emcy(self, code: int, register: int = 0, data: bytes = b"") -> bool:
+    def emcy(self, code: int, data: bytes = b"") -> bool:
         """An error came: register, history and message follow with the next step; False if it was there."""
-        return self._emcy.raise_error(code, register, data)
+        return self._emcy.raise_error(code, data)
 
     def emcy_clear(self, code: int, data: bytes | None = None) -> bool:
         """An error went (``data`` None: all with this code); False if it was not there."""

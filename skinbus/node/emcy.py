@@ -70,13 +70,13 @@ class EmcyService:
         self._write_register()
         self._clear_history()
 
-    def raise_error(self, code: int, register: int = 0, data: bytes = b"") -> bool:
+    def raise_error(self, code: int, data: bytes = b"") -> bool:
         """An error came; False when it was there already (same code and data)."""
         data = bytes(data[:DATA_LENGTH]).ljust(DATA_LENGTH, b"\0")
         if (code, data) in self._active:
             return False
-        bits = register or int(REGISTER_BITS.get(code >> 12, ErrorRegister.GENERIC))
-        self._active[code, data] = bits | ErrorRegister.GENERIC
+        bits = REGISTER_BITS.get(code >> 12, ErrorRegister.GENERIC)
+        self._active[code, data] = int(bits | ErrorRegister.GENERIC)
         self._write_register()
         self._history.appendleft(code | int.from_bytes(data[:2], "little") << 16)
         self._write_history()

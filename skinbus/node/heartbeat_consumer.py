@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 from functools import partial
 
 from skinbus.can.core import NEVER
@@ -14,30 +13,21 @@ from skinbus.node.dictionary import SdoAbort
 from skinbus.node.nmt import Service
 from skinbus.objects.cia import HEARTBEAT_BASE, HEARTBEAT_CONSUMER, MAX_NODE_ID, AbortCode, EmcyCode, NmtState
 
-NODE_STATES = {int(state): state for state in NmtState}
-
-
-class Watch(Enum):
-    """What is known about a watched node."""
-
-    UNKNOWN = "unknown"  # no heartbeat yet, or none since its boot-up: nothing to miss
-    ALIVE = "alive"
-    LOST = "lost"
+NODE_STATES = frozenset(NmtState)
 
 
 @dataclass(slots=True)
 class Watched:
-    """One node of 0x1016."""
+    """One node of 0x1016; ``due_ns`` is NEVER before its first heartbeat, and after a boot-up."""
 
     node_id: int
     time_ns: int
-    watch: Watch = Watch.UNKNOWN
-    state: NmtState | None = None
+    is_lost: bool = False
     due_ns: int = NEVER
 
 
 class HeartbeatConsumer(Part):
-    """Reports ``boot_up``, ``node_state``, ``heartbeat_lost`` and ``heartbeat_back`` of the watched nodes.
+    """Reports which of the watched nodes are lost, and which are back.
 
     A loss is an error of this device (0x8130, with the node-ID as data) until a heartbeat or boot-up comes.
     """
@@ -66,8 +56,7 @@ class HeartbeatConsumer(Part):
         lost = False
         for node in self.nodes.values():
             if self.context.now_ns >= node.due_ns:
-                node.watch = Watch.LOST
-                node.due_ns = NEVER
+                node.is_lost, node.due_ns = True, NEVER
                 self.context.report(EventKind.HEARTBEAT_LOST, "", node.node_id)
                 self.emcy.raise_error(EmcyCode.HEARTBEAT, data=bytes((node.node_id,)))
                 lost = True
@@ -76,23 +65,17 @@ class HeartbeatConsumer(Part):
             self.context.on_loss()
 
     def _receive(self, node: Watched, frame: Frame) -> None:
-        state = NODE_STATES.get(frame.data[0] & 0x7F) if len(frame.data) == 1 else None
-        if state is None:
+        state = frame.data[0] & 0x7F if len(frame.data) == 1 else None
+        if state not in NODE_STATES:
             self.context.drop(frame, "a heartbeat is one byte, a state of NMT")
             return
-        before, known = node.watch, node.state
-        node.state = state
-        if state is NmtState.INITIALISING:
-            node.watch = Watch.UNKNOWN  # the next heartbeat may be long in coming
-            node.due_ns = NEVER
-            self.context.report(EventKind.BOOT_UP, "", node.node_id)
+        if state == NmtState.INITIALISING:
+            node.due_ns = NEVER  # the next heartbeat may be long in coming
         else:
-            node.watch = Watch.ALIVE
             node.due_ns = self.context.now_ns + node.time_ns
             self.wake_ns = min(self.wake_ns, node.due_ns)
-            if state is not known:
-                self.context.report(EventKind.NODE_STATE, state.name, node.node_id)
-        if before is Watch.LOST:
+        if node.is_lost:
+            node.is_lost = False
             self.context.report(EventKind.HEARTBEAT_BACK, "", node.node_id)
             self.emcy.clear_error(EmcyCode.HEARTBEAT, bytes((node.node_id,)))
 
@@ -110,7 +93,7 @@ class HeartbeatConsumer(Part):
         for node_id, old in self.nodes.items():
             if node_id in nodes and nodes[node_id].time_ns == old.time_ns:
                 nodes[node_id] = old
-            elif old.watch is Watch.LOST:
+            elif old.is_lost:
                 self.emcy.clear_error(EmcyCode.HEARTBEAT, bytes((node_id,)))
         self.nodes = nodes
         self.context.listen()

@@ -9,7 +9,6 @@ outside.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import canopen
@@ -47,21 +46,24 @@ def key_of(index: int, sub: int) -> int:
     return index << 8 | sub
 
 
-@dataclass(slots=True)
 class ImageEntry:
     """One value of the dictionary: place, size in bytes (0 = any), access and limits."""
 
-    index: int
-    sub: int
-    variable: Any  # canopen's ODVariable: encodes and decodes
-    size: int
-    offset: int
-    default: bytes | None
-    relative: bool
-    readable: bool
-    writable: bool
-    mappable_tx: bool
-    mappable_rx: bool
+    def __init__(self, variable: Any, base: int) -> None:
+        """``variable`` is canopen's ODVariable, which encodes and decodes; ``base`` is its node-ID."""
+        self.variable = variable
+        self.index, self.sub = variable.index, variable.subindex
+        self.size = variable.STRUCT_TYPES[variable.data_type].size if variable.fixed_size else 0
+        self.offset = OUTSIDE
+        self.relative, default = variable.relative, variable.default
+        self.default: bytes | None = bytes(self.size) if self.size else None
+        """Bytes at power-on, less the node-ID where the default is relative to it; None without a value."""
+        if default is not None:
+            self.default = bytes(variable.encode_raw(default - base if self.relative else default))
+        self.readable, self.writable = variable.readable, variable.writable
+        access, mappable = variable.access_type, variable.pdo_mappable
+        self.mappable_tx = mappable and access not in ("wo", "rww")
+        self.mappable_rx = mappable and access in ("wo", "rw", "rww")
 
     @property
     def bits(self) -> int:
@@ -92,7 +94,7 @@ class ImageLayout:
             self.indices.add(index)
             offset = -(-offset // OBJECT_ALIGNMENT) * OBJECT_ALIGNMENT
             for variable, inside in _variables(od[index]):
-                entry = _compile(variable, base)
+                entry = ImageEntry(variable, base)
                 if inside and entry.size:
                     if entry.size in (2, 4, 8):  # numbers are read and written fastest where they are aligned
                         offset = -(-offset // entry.size) * entry.size
@@ -133,28 +135,3 @@ def _variables(item: Any) -> Iterator[tuple[Any, bool]]:
     else:
         for sub in sorted(item.subindices):
             yield item.subindices[sub], sub != 0
-
-
-def _compile(variable: Any, base: int) -> ImageEntry:
-    access = variable.access_type
-    size = variable.STRUCT_TYPES[variable.data_type].size if variable.fixed_size else 0
-    return ImageEntry(
-        index=variable.index,
-        sub=variable.subindex,
-        variable=variable,
-        size=size,
-        offset=OUTSIDE,
-        default=_default(variable, size, base),
-        relative=variable.relative,
-        readable=variable.readable,
-        writable=variable.writable,
-        mappable_tx=variable.pdo_mappable and access not in ("wo", "rww"),
-        mappable_rx=variable.pdo_mappable and access in ("wo", "rw", "rww"),
-    )
-
-
-def _default(variable: Any, size: int, base: int) -> bytes | None:
-    """Bytes at power-on, less the node-ID where the default is relative to it; None without a value."""
-    if variable.default is None:
-        return bytes(size) if size else None
-    return bytes(variable.encode_raw(variable.default - base if variable.relative else variable.default))

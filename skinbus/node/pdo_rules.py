@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from skinbus.node.dictionary import Dictionary, SdoAbort, Watcher
+from skinbus.node.context import Context
+from skinbus.node.dictionary import SdoAbort, Watcher
 from skinbus.node.layout import key_of
 from skinbus.node.mapping import check_count, check_entry
-from skinbus.node.values import Values
 from skinbus.objects.cia import (
     COB_ID_INVALID,
     COB_ID_MASK_11,
@@ -20,62 +20,47 @@ from skinbus.objects.cia import (
     TransmissionType,
     restricted,
 )
-from skinbus.objects.pdo import Direction, PdoMap, compile_pdo
+from skinbus.objects.pdo import Direction, compile_pdo
 
 
-@dataclass(frozen=True, slots=True)
-class PdoRules:
-    """Checks of the two records of one PDO."""
+class Pdo:
+    """One PDO: writes to its two records are checked, and followed by ``changed``."""
 
-    values: Values
     direction: Direction
-    number: int
+
+    def __init__(self, context: Context, number: int, changed: Watcher) -> None:
+        self.values, self.number = context.values, number
+        self.communication = self.direction.communication + number - 1
+        self.mapping = self.direction.mapping + number - 1
+        self.transmit = self.direction is Direction.TPDO
+        dictionary = context.dictionary
+        dictionary.rules |= {
+            self.communication: self._check_communication,
+            self.mapping: self._check_mapping,
+        }
+        dictionary.watchers |= dict.fromkeys((self.communication, self.mapping), changed)
+        self.compile()
 
     @property
-    def communication(self) -> int:
-        """Index of the communication parameter."""
-        return self.direction.communication + self.number - 1
-
-    @property
-    def mapping(self) -> int:
-        """Index of the mapping parameter."""
-        return self.direction.mapping + self.number - 1
-
-    @property
-    def transmit(self) -> bool:
-        """Whether this device sends the PDO."""
-        return self.direction is Direction.TPDO
-
-    @property
-    def valid(self) -> bool:
+    def is_on(self) -> bool:
         """Whether the PDO exists (bit 31 of its COB-ID is 0)."""
         return not self.values.number(self.communication, PDO_COB_ID, COB_ID_INVALID) & COB_ID_INVALID
 
-    def register(self, dictionary: Dictionary, changed: Watcher) -> PdoMap:
-        """Have writes to the two records checked and followed by ``changed``; return the PDO."""
-        for index, rule in (
-            (self.communication, self.check_communication),
-            (self.mapping, self.check_mapping),
-        ):
-            dictionary.rules[index] = rule
-            dictionary.watchers[index] = changed
-        return self.compile()
-
-    def compile(self) -> PdoMap:
-        """The PDO as the values stand; not valid when its mapping is not one.
+    def compile(self) -> None:
+        """Take over the values as they stand; not valid when the mapping is none.
 
         The rules let no such mapping pass, but a dictionary or a stored value may hold one.
         """
         od, number = self.values.layout.od, self.values.number
         try:
             check_count(self.values, self.mapping, number(self.mapping, 0), transmit=self.transmit)
+            self.map = compile_pdo(od, self.direction, self.number, number)
         except SdoAbort:
-            pdo = replace(compile_pdo(od, self.direction, self.number, lambda index, sub: 0), valid=False)
-        else:
-            pdo = compile_pdo(od, self.direction, self.number, number)
-        return pdo if pdo.entries else replace(pdo, valid=False)
+            self.map = compile_pdo(od, self.direction, self.number, lambda index, sub: 0)
+        if not self.map.entries:
+            self.map = replace(self.map, valid=False)
 
-    def check_communication(self, sub: int, data: bytes) -> None:
+    def _check_communication(self, sub: int, data: bytes) -> None:
         """CiA 301, 7.5.2.35 and 7.5.2.37."""
         value = int.from_bytes(data, "little")
         if sub == PDO_COB_ID:
@@ -83,13 +68,13 @@ class PdoRules:
         elif sub == PDO_TYPE and TransmissionType.SYNC_MAX < value < TransmissionType.EVENT_MANUFACTURER:
             # 241-251 are reserved; 252 and 253 answer remote frames, which CAN FD and this device do not have
             raise SdoAbort(AbortCode.VALUE_INVALID)
-        elif sub in (PDO_INHIBIT, PDO_SYNC_START) and self.valid:
+        elif sub in (PDO_INHIBIT, PDO_SYNC_START) and self.is_on:
             raise SdoAbort(AbortCode.ACCESS)
 
-    def check_mapping(self, sub: int, data: bytes) -> None:
+    def _check_mapping(self, sub: int, data: bytes) -> None:
         """CiA 301, 7.5.2.36 and 7.5.2.38: invalid first, then sub-index 0 to 0, the entries, the count."""
         value = int.from_bytes(data, "little")
-        if self.valid:
+        if self.is_on:
             raise SdoAbort(AbortCode.ACCESS)
         if sub == 0:
             check_count(self.values, self.mapping, value, transmit=self.transmit)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 from skinbus.can.core import NEVER
@@ -12,20 +11,17 @@ from skinbus.node.context import NS_PER_MS, Context, Handler, Part
 from skinbus.node.dictionary import SdoAbort
 from skinbus.node.mapping import unpack
 from skinbus.node.nmt import Service
-from skinbus.node.pdo_rules import PdoRules
+from skinbus.node.pdo_rules import Pdo
 from skinbus.objects.cia import EmcyCode, NmtState, TransmissionType
-from skinbus.objects.pdo import Direction, PdoMap, pdo_numbers
+from skinbus.objects.pdo import Direction, pdo_numbers
 
 
-@dataclass(slots=True)
-class Rpdo:
-    """One RPDO, compiled from its two records, and where it stands."""
+class Rpdo(Pdo):
+    """One RPDO, and where it stands."""
 
-    number: int
-    rules: PdoRules
-    map: PdoMap
+    direction = Direction.RPDO
     waiting: bytes | None = None  # for the next SYNC
-    due_ns: int = NEVER
+    due_ns = NEVER
 
     @property
     def deadline_ns(self) -> int:
@@ -49,15 +45,12 @@ class RpdoService(Part):
         self.in_window = in_window
         self.pdos: dict[int, Rpdo] = {}
         for number in pdo_numbers(self.dictionary.layout.od, Direction.RPDO):
-            rules = PdoRules(self.values, Direction.RPDO, number)
-            self.pdos[number] = Rpdo(
-                number, rules, rules.register(self.dictionary, partial(self._changed, number))
-            )
+            self.pdos[number] = Rpdo(context, number, partial(self._changed, number))
 
     def configure(self) -> None:
         """Compile all PDOs from the values, as after a reset."""
         for pdo in self.pdos.values():
-            pdo.map = pdo.rules.compile()
+            pdo.compile()
 
     def enter(self, state: NmtState) -> None:
         """Nothing waits, and no deadline runs, until the first PDO after each entry to OPERATIONAL."""
@@ -132,7 +125,7 @@ class RpdoService(Part):
     def _changed(self, number: int, sub: int) -> None:
         pdo = self.pdos[number]
         tag, was_valid = pdo.tag, pdo.map.valid
-        pdo.map = pdo.rules.compile()
+        pdo.compile()
         pdo.waiting = None
         if not pdo.map.valid or not pdo.deadline_ns:
             pdo.due_ns = NEVER

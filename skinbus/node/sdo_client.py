@@ -7,7 +7,7 @@ holds the data or the abort code. Many clients stepped side by side make many tr
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame, Frames
@@ -43,16 +43,14 @@ Transfer = Generator[tuple[bytes, int], bytes, bytes]
 """Yields a request and which answer goes on with it, is sent that answer, returns what was read."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SdoResult:
-    """End of a transfer: the data read (empty after a write), or an abort code; ``remote`` says whose."""
+class SdoResult(NamedTuple):
+    """End of a transfer: the data read (empty after a write), or an abort code."""
 
     node_id: int
-    index: int
+    index: int  # type: ignore[assignment]  # hides tuple.index, which is not used here
     sub: int
     data: bytes = b""
     abort: int | None = None
-    remote: bool = False
 
     def unwrap(self) -> bytes:
         """The data; SdoAborted if the transfer was aborted."""
@@ -133,7 +131,7 @@ class SdoClient:
         answer = command >> 5
         if answer == ABORT >> 5:
             if is_ours or (index, sub) == (0, 0):
-                self._finish(abort=code, remote=True)
+                self._finish(abort=code)
             return ()
         if answer in (ANSWER_UPLOAD, ANSWER_DOWNLOAD) and not is_ours:
             return ()  # the late answer to a transfer given up
@@ -152,11 +150,9 @@ class SdoClient:
         self._finish(abort=code)
         return HEAD_AND_NUMBER.pack(ABORT, self._index, self._sub, code)
 
-    def _finish(self, data: bytes = b"", abort: int | None = None, remote: bool = False) -> None:
+    def _finish(self, data: bytes = b"", abort: int | None = None) -> None:
         self.cancel()
-        self.result = SdoResult(
-            node_id=self.node_id, index=self._index, sub=self._sub, data=data, abort=abort, remote=remote
-        )
+        self.result = SdoResult(self.node_id, self._index, self._sub, data, abort)
 
 
 def _read(request: bytes) -> Transfer:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 from skinbus.can.core import NEVER
@@ -11,7 +10,7 @@ from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.can.frame import LONG, Frame
 from skinbus.node.context import NS_PER_100US, NS_PER_MS, Context, Part
 from skinbus.node.mapping import packer
-from skinbus.node.pdo_rules import PdoRules
+from skinbus.node.pdo_rules import Pdo
 from skinbus.objects.cia import SYNC_COUNTER_OVERFLOW, SYNC_WINDOW, EmcyCode, NmtState, TransmissionType
 from skinbus.objects.pdo import Direction, PdoMap, pdo_numbers, readings_in
 from skinbus.objects.profile import SAMPLE_STATUS, has, index_of
@@ -22,20 +21,22 @@ WINDOW_TAG = SYNC_WINDOW.to_bytes(2, "little")
 """Data of the EMCY about the synchronous window."""
 
 
-@dataclass(slots=True)
-class Tpdo:
-    """One TPDO, compiled from its two records, and where it stands."""
+class Tpdo(Pdo):
+    """One TPDO, and where it stands."""
 
-    number: int
-    rules: PdoRules
-    map: PdoMap
+    direction = Direction.TPDO
     pack: Callable[[], bytes] = bytes
     # The rest lives while OPERATIONAL.
-    countdown: int = 0  # SYNCs to the next transmission
-    awaits_start: bool = False  # no SYNC with the start value seen yet
-    requested: bool = False
-    free_ns: int = 0  # end of the inhibit time
-    due_ns: int = NEVER  # end of the event time
+    countdown = 0  # SYNCs to the next transmission
+    awaits_start = False  # no SYNC with the start value seen yet
+    requested = False
+    free_ns = 0  # end of the inhibit time
+    due_ns = NEVER  # end of the event time
+
+    def compile(self) -> None:
+        """Take over the values as they stand."""
+        super().compile()
+        self.pack = packer(self.values, self.map) if self.map.valid else bytes
 
     @property
     def by_event(self) -> bool:
@@ -72,15 +73,12 @@ class TpdoService(Part):
         od = self.dictionary.layout.od
         self._status = index_of(od, SAMPLE_STATUS) if has(od, SAMPLE_STATUS) else None
         for number in pdo_numbers(od, Direction.TPDO):
-            rules = PdoRules(self.values, Direction.TPDO, number)
-            self.pdos[number] = Tpdo(
-                number, rules, rules.register(self.dictionary, partial(self._changed, number))
-            )
+            self.pdos[number] = Tpdo(context, number, partial(self._changed, number))
 
     def configure(self) -> None:
         """Compile all PDOs from the values, as after a reset."""
         for pdo in self.pdos.values():
-            self._compile(pdo)
+            pdo.compile()
         self._sort()
 
     def enter(self, state: NmtState) -> None:
@@ -178,16 +176,12 @@ class TpdoService(Part):
         """Take over a parameter written at run time."""
         pdo = self.pdos[number]
         was_valid, before = pdo.map.valid, pdo.map
-        self._compile(pdo)
+        pdo.compile()
         if not was_valid or _rhythm(before) != _rhythm(pdo.map):
             self._start(pdo)
         self._sort()
         self._plan()
         self.on_change()
-
-    def _compile(self, pdo: Tpdo) -> None:
-        pdo.map = pdo.rules.compile()
-        pdo.pack = packer(self.values, pdo.map) if pdo.map.valid else bytes
 
     def _start(self, pdo: Tpdo) -> None:
         pdo.countdown = pdo.map.transmission_type

@@ -128,9 +128,9 @@ def pdo_numbers(od: ObjectDictionary, direction: Direction) -> list[int]:
     return [index - first + 1 for index in sorted(od.indices) if first <= index < first + cia.MAX_PDOS]
 
 
-def tpdos(od: ObjectDictionary, read: ReadValue | None = None) -> list[PdoMap]:
+def tpdos(od: ObjectDictionary) -> list[PdoMap]:
     """Return all TPDOs of a dictionary in the order of their numbers."""
-    return [compile_pdo(od, Direction.TPDO, n, read) for n in pdo_numbers(od, Direction.TPDO)]
+    return [compile_pdo(od, Direction.TPDO, n) for n in pdo_numbers(od, Direction.TPDO)]
 
 
 def readings_in(pdo: PdoMap) -> list[PdoEntry]:

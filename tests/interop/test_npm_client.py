@@ -120,7 +120,7 @@ def test_readings_in_tpdos_on_sync_are_decoded(bench, patch):
 
 
 def test_emergency_and_its_end_are_understood(bench, patch):
-    patch.emcy(0x5000, 0x01, b"\x01\x02")
+    patch.emcy(0x5000, b"\x01\x02")
     bench.wire.wake(patch.port)
     bench.pass_ms(200)
     patch.emcy_clear(0x5000)

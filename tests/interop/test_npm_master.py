@@ -134,7 +134,7 @@ def test_consumer_of_our_sync_emcy_and_pdos_sees_no_error_with_default_settings(
     last = bench.peer.told("pdo")[-1]  # it tells of those that change
     assert last["values"] == [int(world.devices[0].get(0x6401, k)) for k in range(1, 5)]
     assert not [emcy for emcy in bench.peer.told("emcy") if emcy["code"]]
-    world.devices[0].emcy(0x5000, 0x01)
+    world.devices[0].emcy(0x5000)
     bench.pass_ms(600)
     assert [emcy["code"] for emcy in bench.peer.told("emcy") if emcy["cobId"] == 0x80 + node_id] == [0x5000]
     assert world.devices[0].get(0x1001) & 1

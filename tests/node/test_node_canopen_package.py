@@ -207,5 +207,4 @@ def test_our_client_writes_to_and_reads_from_a_canopen_server(size):
 def test_our_client_understands_the_aborts_of_a_canopen_server():
     client, end = local_node("skin-patch")
     client.start_read(0x5FFF, 0)
-    result = end()
-    assert (result.abort, result.remote) == (0x06020000, True)
+    assert end().abort == 0x06020000

@@ -50,7 +50,6 @@ def test_silence_ends_in_a_time_out():
     with pytest.raises(SdoAborted) as caught:
         client.result.unwrap()
     assert caught.value.code == 0x05040000
-    assert not client.result.remote
 
 
 def test_other_frames_do_not_keep_it_waiting():
