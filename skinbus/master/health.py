@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from skinbus.estimate import TactelFault
 from skinbus.master.cycle import Cycle, CycleReport
-from skinbus.master.memory import digits_of, fingerprint, names_of
+from skinbus.master.memory import fingerprint, names_of, tables_of
 from skinbus.model import Arm
 
 Records = npt.NDArray[np.void]
@@ -38,7 +38,6 @@ SAMPLE_NS = 10_000_000_000
 """Between two samples of zeros and noise: temperature takes minutes."""
 SETTLED = 30
 """Samples of zero and noise, five minutes, after which they are references."""
-DIGITS = 6
 
 NOISY = 3.0
 """Times its first noise, and the noise of its file: three times noisier is a fault of the tactel."""
@@ -104,12 +103,8 @@ class Health:
 
     def as_tables(self, records: Records) -> dict[str, Any]:
         """Return a copy of the records as tables of numbers; null for what is not known."""
-        arm, patches = self._arm, {}
-        for p, name in enumerate(names_of(arm)):
-            own = records[arm.tactels_of(p)]
-            columns = {key: digits_of(own[key], DIGITS) for key in NAMES}
-            patches[name] = {"board": fingerprint(arm, p), **columns}
-        return {"arm": arm.name, "health": patches}
+        columns = {key: records[key] for key in NAMES}
+        return {"arm": self._arm.name, "health": tables_of(self._arm, columns)}
 
     def resume(self, tables: dict[str, Any]) -> int:
         """Take up what an earlier run has seen; return of how many boards."""

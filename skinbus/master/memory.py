@@ -10,6 +10,7 @@ The file that holds the tables says whether they are whole: ``config.state_file`
 from __future__ import annotations
 
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -54,13 +55,11 @@ class Memory:
     """Reads and writes what the stages of a master hold between cycles."""
 
     def __init__(self, cycle: Cycle) -> None:
-        self._arm = arm = cycle.arm
+        self._arm = cycle.arm
         self._cycle = cycle
         self._baseline = cycle.baseline
         self._plausibility = cycle.plausibility
         self._tracker = cycle.tracker
-        self._names = names_of(arm)
-        self._prints = [fingerprint(arm, p) for p in range(arm.n_patches)]
 
     def snapshot(self) -> dict[str, Any]:
         """Return copies of all that is to be kept, soon: arrays, for :func:`as_tables`."""
@@ -73,23 +72,12 @@ class Memory:
 
     def as_tables(self, snapshot: dict[str, Any]) -> dict[str, Any]:
         """Return a snapshot as tables of numbers and texts."""
-        arm, zeros = self._arm, snapshot["zeros"]
-        patches = {}
-        for p, name in enumerate(self._names):
-            here = arm.tactels_of(p)
-            columns = {key: digits_of(getattr(zeros, column)[here]) for key, column in COLUMNS.items()}
-            patches[name] = {
-                "board": self._prints[p],
-                **columns,
-                "faults": snapshot["faults"][here].tolist(),
-            }
-        identity, number = snapshot["last"]
+        arm, names, (identity, number) = self._arm, names_of(self._arm), snapshot["last"]
+        columns = {key: getattr(snapshot["zeros"], column) for key, column in COLUMNS.items()}
         return {
             "arm": arm.name,
-            "patches": patches,
-            "contacts": [
-                track._asdict() | {"patch": self._names[track.patch]} for track in snapshot["tracks"]
-            ],
+            "patches": tables_of(arm, columns | {"faults": snapshot["faults"]}),
+            "contacts": [track._asdict() | {"patch": names[track.patch]} for track in snapshot["tracks"]],
             "last_identity": identity,
             "last_id": number,
         }
@@ -97,11 +85,12 @@ class Memory:
     def resume(self, tables: dict[str, Any], age_s: float) -> Resumed:
         """Take up a state that is ``age_s`` old; what does not fit the arm is left out."""
         arm, found = self._arm, Resumed()
-        for p, name in enumerate(self._names):
+        names = names_of(arm)
+        for p, name in enumerate(names):
             kept = tables["patches"].get(name)
             if kept is None:
                 continue
-            if kept["board"] != self._prints[p]:
+            if kept["board"] != fingerprint(arm, p):
                 found.strangers.append(name)
                 continue
             columns = {column: np.array(kept[key], np.float64) for key, column in COLUMNS.items()}
@@ -115,7 +104,7 @@ class Memory:
                 found.stale[p] = n_stale
             self._plausibility.resume(p, np.array(kept["faults"], np.int64))
         self._tracker.last = max(tables["last_identity"], self._tracker.last[0]), tables["last_id"]
-        own = {name: p for p, name in enumerate(self._names) if name not in found.strangers}
+        own = {name: p for p, name in enumerate(names) if name not in found.strangers}
         for row in tables["contacts"] if age_s <= CONTACT_S else ():
             if (p := own.get(row["patch"], -1)) >= 0:
                 track = KeptTrack(**row | {"patch": p, "link": arm.patches[p].link})
@@ -136,6 +125,16 @@ def fingerprint(arm: Arm, p: int) -> str:
     return f"{placed.serial}:{placed.patch.n_tactels}:{zlib.crc32(numbers):08x}"
 
 
-def digits_of(column: Floats, digits: int = DIGITS) -> list[float | None]:
-    """Return numbers as they are kept: with some significant digits, None where they are not known."""
-    return [float(f"{v:.{digits}g}") if v == v else None for v in column.tolist()]
+def tables_of(arm: Arm, columns: Mapping[str, Floats]) -> dict[str, Any]:
+    """Return columns (n_tactels,) as they are kept, by the names of the patches, and which boards these are.
+
+    Numbers have some significant digits; those that are not known are None.
+    """
+    kept = {
+        key: [float(f"{v:.{DIGITS}g}") if v == v else None for v in column.tolist()]
+        for key, column in columns.items()
+    }
+    return {
+        name: {"board": fingerprint(arm, p), **{key: own[arm.tactels_of(p)] for key, own in kept.items()}}
+        for p, name in enumerate(names_of(arm))
+    }

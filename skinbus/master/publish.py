@@ -209,8 +209,7 @@ class Publisher:
         slots, rows = tracks.slot[which], tracks.row[which]
         link, s, a, force = c.link[rows], c.s[rows], c.a[rows], c.force[rows]
         state = np.where(tracks.state[which] == TrackState.TOUCH, ContactState.TOUCH, ContactState.HELD)
-        payload = pack_contacts(id=tracks.id[which], link=link, state=state, s=s, a=a, force=force)
-        packed = payload.view(PAYLOAD)[:, 0]
+        packed = pack_contacts(id=tracks.id[which], link=link, state=state, s=s, a=a, force=force)
         place_sd, force_sd = pack_deviations(c.covariance[rows])
         points, normals = np.zeros((2, len(slots), 3))
         for number in np.unique(link):

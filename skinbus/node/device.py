@@ -18,12 +18,11 @@ from skinbus.node.emcy import EmcyService
 from skinbus.node.guard import GuardService
 from skinbus.node.heartbeat import HeartbeatProducer
 from skinbus.node.heartbeat_consumer import HeartbeatConsumer
-from skinbus.node.layout import ImageLayout
+from skinbus.node.layout import ImageLayout, key_of
 from skinbus.node.lss import UNCONFIGURED, LssSlave
 from skinbus.node.nmt import SERVICES, TRANSITIONS, Service, command_for
 from skinbus.node.node_guarding import NodeGuarding
 from skinbus.node.rpdo import RpdoService
-from skinbus.node.sample_stamp import SampleStamp
 from skinbus.node.sdo_server import SdoServer
 from skinbus.node.storage import AREAS, COMMUNICATION, Storage, StorageService
 from skinbus.node.sync import SyncService
@@ -43,7 +42,7 @@ from skinbus.objects.cia import (
     NmtCommand,
     NmtState,
 )
-from skinbus.objects.profile import SampleStatus
+from skinbus.objects.profile import SAMPLE_COUNTER, SAMPLE_STATUS, SampleStatus, has, index_of
 
 MANDATORY = (DEVICE_TYPE, ERROR_REGISTER, IDENTITY)
 """Objects that every device has (CiA 301, 7.5.1)."""
@@ -105,7 +104,9 @@ class Device(Core):
         self._verify = VerifyService(context)
         self.sample_status = SampleStatus(0)
         """What the host says of the readings in its image; the device adds what it finds itself."""
-        self._stamp = SampleStamp(context) if SampleStamp.fits(od) else None
+        stamps = (SAMPLE_COUNTER, SAMPLE_STATUS) if has(od, SAMPLE_COUNTER) else ()
+        self._stamps = [self.layout.entries[key_of(*index_of(od, name))].offset for name in stamps]
+        """Where the process image has the stamp of a sample: its SYNC counter and status."""
         has_lss = od.device_information.LSS_supported
         self._lss = LssSlave(context, self._storage, self._reset) if has_lss else None
         self._tpdo.on_change = self._triggers.configure
@@ -332,8 +333,13 @@ class Device(Core):
         self._rpdo.on_sync()
         if self.on_sync is not None:
             self.on_sync(self._context.now_ns, counter)
-        if self._stamp is not None:
-            self._stamp.write(counter, self.sample_status)
+        if self._stamps:
+            status, (at_counter, at_status) = self.sample_status, self._stamps
+            if self.values.number(ERROR_REGISTER, 0):
+                status |= SampleStatus.ERROR
+            # a sample that is older is of no SYNC
+            self.values.memory[at_counter] = 0 if status & SampleStatus.OLD else counter
+            self.values.memory[at_status] = status
         self._tpdo.on_sync(counter, in_window=self._sync.in_window())
 
     def _load_defaults(self, *, application: bool) -> None:

@@ -85,12 +85,11 @@ class PatchHost(Core):
         self._healthy = np.ones(ends[-1], np.bool_)
         self._counts = np.concatenate(self._shows).astype(np.int32)
         self._lowest = np.concatenate([np.full(len(v), np.iinfo(v.dtype).min) for v in self._shows])
-        self._ages = [
-            device.image_view(*index_of(od, SAMPLE_AGE), 1)
+        self._ages = {
+            i: device.image_view(*index_of(od, SAMPLE_AGE), 1)
+            for i, device in enumerate(devices)
             if has(od := device.layout.od, SAMPLE_AGE)
-            else None
-            for device in devices
-        ]
+        }
         """Where the TPDOs of each patch find the age of its sample."""
         self._age = self._since_ns = np.zeros(len(devices), np.int64)
         self._cleared = [0] * len(devices)
@@ -189,8 +188,8 @@ class PatchHost(Core):
         self._since_ns = now_ns - sample.t_ns
         age = np.clip(self._since_ns // AGE_STEP_NS, 0, 0xFFFF)
         for i in np.flatnonzero(age != self._age).tolist():
-            if (view := self._ages[i]) is not None:
-                view[0] = age[i]
+            if i in self._ages:
+                self._ages[i][0] = age[i]
         self._age = age
         if shown and sample.counts is shown.counts and sample.healthy is shown.healthy:
             return []

@@ -25,19 +25,6 @@ OUTSIDE = -1
 FIRST_OBJECT = 0x1000
 """Below are data types, which PDOs may map as dummies but nobody can read."""
 
-NUMPY_TYPES: dict[int, str] = {
-    datatypes.BOOLEAN: "u1",
-    datatypes.INTEGER8: "i1",
-    datatypes.INTEGER16: "<i2",
-    datatypes.INTEGER32: "<i4",
-    datatypes.INTEGER64: "<i8",
-    datatypes.UNSIGNED8: "u1",
-    datatypes.UNSIGNED16: "<u2",
-    datatypes.UNSIGNED32: "<u4",
-    datatypes.UNSIGNED64: "<u8",
-    datatypes.REAL32: "<f4",
-    datatypes.REAL64: "<f8",
-}
 FLOATS = (datatypes.REAL32, datatypes.REAL64)
 
 
@@ -69,6 +56,14 @@ class ImageEntry:
     def bits(self) -> int:
         """Length in a PDO: one bit for a boolean."""
         return 1 if self.variable.data_type == datatypes.BOOLEAN else self.size * 8
+
+    @property
+    def numpy_type(self) -> str:
+        """The type of an array of such values; opaque for integers of 24 bits and the like."""
+        kind = self.variable.data_type
+        if self.size not in (1, 2, 4, 8):
+            return f"V{self.size}"
+        return f"<{'f' if kind in FLOATS else 'i' if kind in datatypes.SIGNED_TYPES else 'u'}{self.size}"
 
     def decode(self, data: bytes) -> Any:
         """The value as Python has it."""
@@ -115,7 +110,7 @@ class ImageLayout:
         entries = [self.entries[key_of(index, sub + i)] for i in range(n)]
         if any(entry.offset == OUTSIDE for entry in entries):
             raise ValueError(f"0x{index:04X}:{sub:02X} + {n}: not in the process image")
-        types = [NUMPY_TYPES.get(e.variable.data_type, f"V{e.size}") for e in entries]
+        types = [entry.numpy_type for entry in entries]
         if len(set(types)) == 1:
             return entries[0].offset, np.dtype((types[0], (n,)))
         first, last = entries[0].offset, entries[-1]

@@ -46,12 +46,10 @@ def check_count(values: Values, mapping: int, count: int, *, transmit: bool) -> 
 
 
 def packer(values: Values, pdo: PdoMap) -> Callable[[], bytes]:
-    """A function that gives the bytes of a TPDO as the values stand; neighbours are one slice."""
+    """A function that gives the bytes of a TPDO as the values stand."""
     slots = [(values.layout.entries[key_of(e.index, e.sub)], e) for e in pdo.entries]
     if all(slot.bits % 8 == 0 and entry.offset != OUTSIDE for entry, slot in slots):
-        views = [values.memory[begin:end] for begin, end in _merge([entry for entry, _ in slots])]
-        if len(views) == 1 and views[0].nbytes == pdo.length:
-            return views[0].tobytes
+        views = [values.memory[entry.offset : entry.offset + entry.size] for entry, _ in slots]
         views.append(memoryview(bytes(pdo.length - sum(view.nbytes for view in views))))
         return lambda: b"".join(views)
 
@@ -75,15 +73,3 @@ def unpack(layout: ImageLayout, pdo: PdoMap, data: bytes) -> list[tuple[ImageEnt
             value = number >> slot.offset & (1 << slot.bits) - 1
             parts.append((entry, value.to_bytes(entry.size, "little")))
     return parts
-
-
-def _merge(entries: list[ImageEntry]) -> list[tuple[int, int]]:
-    """Byte ranges of the image, neighbours joined."""
-    ranges: list[tuple[int, int]] = []
-    for entry in entries:
-        begin, end = entry.offset, entry.offset + entry.size
-        if ranges and ranges[-1][1] == begin:
-            ranges[-1] = (ranges[-1][0], end)
-        else:
-            ranges.append((begin, end))
-    return ranges

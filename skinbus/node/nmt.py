@@ -21,14 +21,11 @@ class Service(Enum):
 
 
 # CiA 301, 7.3.2.2.5. LSS is kept out of OPERATIONAL: nobody renames a node that moves an arm.
+_SERVICES = frozenset({Service.NMT, Service.ERROR_CONTROL, Service.SDO, Service.SYNC, Service.EMCY})
 SERVICES: dict[NmtState, frozenset[Service]] = {
     NmtState.INITIALISING: frozenset({Service.LSS}),
-    NmtState.PRE_OPERATIONAL: frozenset(
-        {Service.NMT, Service.ERROR_CONTROL, Service.SDO, Service.SYNC, Service.EMCY, Service.LSS}
-    ),
-    NmtState.OPERATIONAL: frozenset(
-        {Service.NMT, Service.ERROR_CONTROL, Service.SDO, Service.SYNC, Service.EMCY, Service.PDO}
-    ),
+    NmtState.PRE_OPERATIONAL: _SERVICES | {Service.LSS},
+    NmtState.OPERATIONAL: _SERVICES | {Service.PDO},
     NmtState.STOPPED: frozenset({Service.NMT, Service.ERROR_CONTROL, Service.LSS}),
 }
 

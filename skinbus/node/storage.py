@@ -47,7 +47,7 @@ AREAS: dict[str, range] = {
     APPLICATION: range(0x6000, 0xA000),
 }
 GROUPS: dict[int, tuple[str, ...]] = {
-    STORE_ALL: (COMMUNICATION, APPLICATION, MANUFACTURER),
+    STORE_ALL: tuple(AREAS),
     STORE_COMMUNICATION: (COMMUNICATION,),
     STORE_APPLICATION: (APPLICATION,),
     STORE_MANUFACTURER: (MANUFACTURER,),
@@ -159,22 +159,21 @@ class StorageService(Part):
 
     def _store(self, sub: int, data: bytes) -> None:
         marks = [self.values.number(VERIFY_CONFIGURATION, mark) for mark in (VERIFY_DATE, VERIFY_TIME)]
-        act = None if self.storage is None else self.save
-        self._command(sub, data, SIGNATURE_SAVE, act, is_marked=any(marks))
+        self._command(sub, data, SIGNATURE_SAVE, self.save, is_marked=any(marks))
 
     def _restore(self, sub: int, data: bytes) -> None:
         """Discard what is stored; the defaults are valid after the next reset (CiA 301, 7.5.2.14)."""
-        storage = self.storage
-        act = None if storage is None else lambda group: storage.pop(group, None)
-        self._command(sub, data, SIGNATURE_LOAD, act)
+        self._command(sub, data, SIGNATURE_LOAD, self._discard)
 
-    def _command(
-        self, sub: int, data: bytes, signature: int, act: Act | None, *, is_marked: bool = False
-    ) -> None:
+    def _discard(self, group: str) -> None:
+        if self.storage is not None:
+            self.storage.pop(group, None)
+
+    def _command(self, sub: int, data: bytes, signature: int, act: Act, *, is_marked: bool = False) -> None:
         """Do what a signature asks for; ``is_marked``: with the present values 0x1020 is right."""
         if int.from_bytes(data, "little") != signature:
             raise SdoAbort(AbortCode.NOT_STORED)
-        if act is None:
+        if self.storage is None:
             raise SdoAbort(AbortCode.LOCAL_CONTROL)
         try:
             groups = GROUPS.get(sub, ())

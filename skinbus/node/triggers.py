@@ -97,6 +97,5 @@ class AnalogueTriggers(Part):
 
     def _column(self, index: int) -> Ints:
         """Values of an array object, one for each input; zero where it has none."""
-        subs = range(1, self.n + 1)
-        has = self.layout.entries.keys()
-        return np.array([self.values.get(index, i) if key_of(index, i) in has else 0 for i in subs], np.int64)
+        own = [self.layout.entries.get(key_of(index, sub)) for sub in range(1, self.n + 1)]
+        return np.array([entry.decode(self.values.load(entry)) if entry else 0 for entry in own], np.int64)

@@ -52,8 +52,8 @@ def pack_contacts(
     s: npt.ArrayLike,
     a: npt.ArrayLike,
     force: npt.ArrayLike,
-) -> Bytes:
-    """Return the payloads of contacts, (n, 8) uint8.
+) -> npt.NDArray[np.void]:
+    """Return the payloads of contacts, (n,) of ``PAYLOAD``.
 
     Args:
         id:    (n,) 0..255
@@ -69,7 +69,7 @@ def pack_contacts(
     records["s"] = _saturate(s, LENGTH_STEP, -0x8000, 0x7FFF)
     records["a"] = _saturate(a, LENGTH_STEP, -0x8000, 0x7FFF)
     records["force"] = _saturate(force, FORCE_STEP, 0, 0xFFFF)
-    return records.view(np.uint8).reshape(-1, PAYLOAD.itemsize)
+    return records
 
 
 def pack_deviations(covariance: npt.ArrayLike) -> tuple[Bytes, Bytes]:

@@ -115,7 +115,10 @@ class _Template:
             self._add(entry)
         self.commissioned = file.integer("DeviceComissioning", "NodeID") or 0
         """Node-ID that a DCF is for; 0 for any."""
-        _add_device_information(self.od, file)
+        info = self.od.device_information
+        info.LSS_supported = bool(file.integer("DeviceInfo", "LSS_Supported"))
+        rates = (10, 20, 50, 125, 250, 500, 800, 1000)
+        info.allowed_baudrates |= {1000 * k for k in rates if file.integer("DeviceInfo", f"BaudRate_{k}")}
 
     def at(self, node_id: int) -> ObjectDictionary:
         """Return the dictionary resolved for a node; it is the template's own, not a copy."""
@@ -148,10 +151,3 @@ class _Template:
             elif value is not None:
                 setattr(variable, field, value.number)
         return variable
-
-
-def _add_device_information(od: ObjectDictionary, file: EdsFile) -> None:
-    info = od.device_information
-    info.LSS_supported = bool(file.integer("DeviceInfo", "LSS_Supported"))
-    rates = (10, 20, 50, 125, 250, 500, 800, 1000)
-    info.allowed_baudrates |= {1000 * k for k in rates if file.integer("DeviceInfo", f"BaudRate_{k}")}

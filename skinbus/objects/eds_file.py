@@ -34,8 +34,9 @@ VAR = 0x7
 ARRAY = 0x8
 RECORD = 0x9
 DOMAIN = 0x2
-OBJECT_TYPES = {0x0: "NULL", DOMAIN: "DOMAIN", 0x5: "DEFTYPE", 0x6: "DEFSTRUCT", VAR: "VAR"}
-GROUP_TYPES = {ARRAY: "ARRAY", RECORD: "RECORD"}
+GROUP_TYPES = (ARRAY, RECORD)
+OBJECT_TYPES = (0x0, DOMAIN, 0x5, 0x6, VAR, *GROUP_TYPES)
+"""Of CiA 301, with NULL, DEFTYPE and DEFSTRUCT."""
 ACCESS_TYPES = ("ro", "wo", "rw", "rwr", "rww", "const")
 
 _SECTION = re.compile(r"\[(?P<name>[^\]]*)\]")
@@ -223,7 +224,7 @@ def _read_sections(file: EdsFile, text: str) -> None:
 def _read_object(file: EdsFile, section: Section, index: int) -> None:
     name = _name(file, section)
     object_type = file.integer(section.name, "ObjectType", VAR) or VAR
-    if object_type not in OBJECT_TYPES and object_type not in GROUP_TYPES:
+    if object_type not in OBJECT_TYPES:
         file.fault(section.name, "ObjectType", section.get("ObjectType"), "0x7 VAR, 0x8 ARRAY or 0x9 RECORD")
         object_type = VAR
     entry = Entry(section.name, index, name, object_type)

@@ -105,17 +105,16 @@ def _communication(file: EdsFile, direction: Direction) -> list[Entry]:
 
 def _pdos(file: EdsFile) -> None:
     for direction in Direction:
-        between = direction.mapping - direction.communication
-        for entry in _communication(file, direction):
-            _communication_parameters(file, direction, entry)
-            if entry.index + between not in file.objects:
-                wanted = f"a mapping parameter [{entry.index + between:04X}] beside it"
-                file.fault(entry.section, "", None, wanted)
-        for index in range(direction.mapping, direction.mapping + cia.MAX_PDOS):
-            if index in file.objects:
-                mapping = file.objects[index]
-                if index - between not in file.objects:
-                    wanted = f"a communication parameter [{index - between:04X}] beside it"
+        for k in range(cia.MAX_PDOS):
+            places = direction.communication + k, direction.mapping + k
+            entry, mapping = map(file.objects.get, places)
+            if entry:
+                _communication_parameters(file, direction, entry)
+                if not mapping:
+                    file.fault(entry.section, "", None, f"a mapping parameter [{places[1]:04X}] beside it")
+            if mapping:
+                if not entry:
+                    wanted = f"a communication parameter [{places[0]:04X}] beside it"
                     file.fault(mapping.section, "", None, wanted)
                 _mapping(file, direction, mapping)
 

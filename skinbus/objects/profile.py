@@ -72,7 +72,6 @@ class SampleStatus(IntFlag):
 
 # --- Master ----------------------------------------------------------------------------------------
 CYCLES = "Cycle/Cycles"
-OVERRUNS = "Cycle/Overruns"
 LEVEL = "Cycle/Level"
 CUT_SHORT = "Cycle/Cut short"
 FRAMES_ACCEPTED = "Frames/Accepted"
@@ -80,8 +79,6 @@ FRAMES_UNKNOWN = "Frames/Unknown"
 FRAMES_BAD_LENGTH = "Frames/Bad length"
 FRAMES_LOST = "Frames/Lost"
 LOAD = "Load/Force"
-LOAD_SD = "Load/Force sd"
-LOAD_AREA = "Load/Touched area"
 PATCH_LOAD = "Patch load"
 PATCH_LOAD_SD = "Patch load sd"
 PATCH_AREA = "Patch touched area"
@@ -98,7 +95,6 @@ PATCH_COMMAND = "Patch command"
 PATCH_SUSPECT = "Patch suspect tactels"
 PATCH_FAULTY = "Patch implausible tactels"
 PATCH_FAULTY_COUNT = "Patch implausible count"
-FAULTY = "Cycle/Implausible tactels"
 
 MASTER_NODE_ID = 127
 """Of the master unless another is given."""

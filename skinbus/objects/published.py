@@ -1,4 +1,4 @@
-"""Which TPDO of the master carries what: found by what it maps, in the master's object dictionary."""
+"""Which TPDO of the master carries what."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from skinbus.objects import profile
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import PdoMap, tpdos
 
-QUALITY = "Quality"
-"""Member of a contact record that the TPDO of its quality begins with."""
+SUMMARY, FIRST_CONTACT, LOAD, FIRST_QUALITY = 1, 2, 18, 21
+"""Numbers of TPDOs in skin-master.eds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,17 +34,13 @@ class Published:
 
 
 def published(od: ObjectDictionary) -> Published:
-    """Return the TPDOs of a master with this dictionary; ValueError when one is missing."""
-    by_first = {(pdo.entries[0].index, pdo.entries[0].sub): pdo for pdo in tpdos(od) if pdo.entries}
-    numbers = range(1, profile.MAX_CONTACTS + 1)
-    names = [name.partition("/")[0] for name in (profile.CYCLES, profile.LOAD)]
-    names += [profile.contact(k, member) for member in ("", QUALITY) for k in numbers]
-    first = [(index, sub or 1) for index, sub in (profile.index_of(od, name) for name in names)]
-    if missing := [name for name, key in zip(names, first, strict=True) if key not in by_first]:
-        raise ValueError(f"no TPDO begins with {', '.join(missing)}")
-    summary, load, *rest = (by_first[key] for key in first)
-    contacts, qualities = rest[: profile.MAX_CONTACTS], rest[profile.MAX_CONTACTS :]
-    return Published(summary, tuple(contacts), tuple(qualities), load)
+    """Return the TPDOs of a master with this dictionary."""
+    pdos = {pdo.number: pdo for pdo in tpdos(od)}
+    contacts, qualities = (
+        tuple(pdos[first + slot] for slot in range(profile.MAX_CONTACTS))
+        for first in (FIRST_CONTACT, FIRST_QUALITY)
+    )
+    return Published(pdos[SUMMARY], contacts, qualities, pdos[LOAD])
 
 
 @cache

@@ -178,8 +178,8 @@ class FirmwareDevice(Core):
         data = entry.encode(value)
         assert self.library.sb_set(self._at, index, sub, data, len(data))
 
-    def emcy(self, code, register=0, data=b""):
-        return self.library.sb_error(self._at, code, register, five(data))
+    def emcy(self, code, data=b""):
+        return self.library.sb_error(self._at, code, 0, five(data))
 
     def emcy_clear(self, code, data=None):
         return self.library.sb_error_end(self._at, code, five(data))

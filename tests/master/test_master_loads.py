@@ -39,8 +39,8 @@ def test_objects_show_the_loads_of_the_newest_cycle(pressed):
     # 6, 8 and 12 N on boards of 10 mm: within what falls between tactels
     assert loads.force == pytest.approx(26.0, abs=3.0 * loads.force_sd)
     assert shown(master, profile.LOAD) == pytest.approx(loads.force, rel=1e-6)
-    assert shown(master, profile.LOAD_SD) == pytest.approx(loads.force_sd, rel=1e-6)
-    assert shown(master, profile.LOAD_AREA) == pytest.approx(loads.area, rel=1e-6)
+    assert shown(master, "Load/Force sd") == pytest.approx(loads.force_sd, rel=1e-6)
+    assert shown(master, "Load/Touched area") == pytest.approx(loads.area, rel=1e-6)
     assert shown(master, profile.LINK_LOAD) == pytest.approx(loads.links.force[0], rel=1e-6)
     assert shown(master, profile.LINK_LOAD_S) == pytest.approx(loads.links.s[0], rel=1e-6)
     by_node = [shown(master, profile.PATCH_LOAD, sub=node) for node in arm.node_id.tolist()]

@@ -17,7 +17,7 @@ from skinbus.objects.dcf import (
 )
 from skinbus.objects.eds import find_eds, load_eds
 from skinbus.objects.eds_file import read_text
-from skinbus.objects.pdo import tpdos
+from skinbus.objects.pdo import Direction, compile_pdo
 from skinbus.objects.settings import freeze
 from tests.lely import dcfchk
 from tests.master.sdo_reads import write
@@ -87,7 +87,7 @@ def test_downloads_turn_a_delivered_patch_into_the_configured_one():
         write(device, *entry).unwrap()
     for variable in differences(wanted):
         assert device.get(variable.index, variable.subindex) == variable.value, variable
-    maps = tpdos(load(), device.get)
+    maps = [compile_pdo(load(), Direction.TPDO, n, device.get) for n in (1, 2, 3, 4, 9)]
     assert [(m.cob_id, m.valid, m.length) for m in maps] == [
         (0x185, True, 8),
         (0x285, True, 4),

@@ -25,9 +25,9 @@ from skinbus.node.sync import MAX_COUNTER
 from skinbus.objects import cia
 from skinbus.objects.board import describe_patch
 from skinbus.objects.cia import NmtCommand
-from skinbus.objects.guard import NO_LIMIT, GuardLimits, GuardState
+from skinbus.objects.guard import NO_LIMIT, GuardLimits
 from skinbus.objects.pdo import PdoMap, carries_readings, readings_in, tpdos
-from skinbus.objects.profile import GUARD_LIMITS, GUARD_PERIOD_US, GUARD_STATE, has, index_of, number_at
+from skinbus.objects.profile import number_at
 
 BOOT_NS = 2_000 * NS_PER_MS
 """A board that has not booted after this has none of the loaders that are in use, which take 1 s at most."""
@@ -270,7 +270,8 @@ def _readings(patch: PatchCheck) -> Check:
     In the second half SYNCs carry a counter, if the board takes one.
     """
     pdos, slowest, n, is_beat = patch.pdos, 0, 0, patch.sends(cia.HEARTBEAT_BASE)
-    ids = [pdo.cob_id for pdo in pdos]
+    wanted = [(pdo.cob_id, pdo.length) for pdo in pdos]
+    ids = dict(wanted)
     yield _write(cia.HEARTBEAT_PRODUCER, 0, HEARTBEAT_MS, 2)
     for overflow in (0, MAX_COUNTER):
         yield from patch.command(NmtCommand.PRE_OPERATIONAL)
@@ -285,15 +286,9 @@ def _readings(patch: PatchCheck) -> Check:
             patch.beats[-1] += [f.t_ns for f in received if is_beat(f)]
             at = f"after SYNC {n} of {patch.n_syncs}{f' (counter {counter[0]})' if counter else ''}"
             came = [f for f in received if f.can_id in ids]
-            order = [f.can_id for f in came]
-            for pdo in pdos:
-                times = order.count(pdo.cob_id)
-                few = f"TPDO {pdo.number} came {times} times {at}; answer each SYNC with all TPDOs"
-                _need(times == 1, few)
-                length = len(came[order.index(pdo.cob_id)].data)
-                _need(length == pdo.length, f"TPDO {pdo.number} has {length} bytes {at}; wanted {pdo.length}")
-            wrong = f"TPDOs out of order {at}; send them by number, from one queue"
-            _need(order in (ids, sorted(ids)), wrong)
+            sizes = [(f.can_id, len(f.data)) for f in came]
+            wrong = f"{_listed(sizes)} {at}; wanted {_listed(wanted)}: all TPDOs once, from one queue"
+            _need(sizes in (wanted, sorted(wanted)), wrong)
             slowest = max([slowest, *(f.t_ns - sent_ns for f in came)])
             patch.rounds.append(_values(pdos, came))
             patch.on_sync()
@@ -302,6 +297,10 @@ def _readings(patch: PatchCheck) -> Check:
     detail = f"{n} SYNCs; SYNC to the last TPDO: {slowest / NS_PER_MS:.2f} ms at most"
     _need(slowest <= patch.response_ns, f"{detail}; wanted {patch.response_ns / NS_PER_MS:g} ms")
     return detail
+
+
+def _listed(sizes: Sequence[tuple[int, int]]) -> str:
+    return ", ".join(f"0x{can_id:03X} [{n}]" for can_id, n in sizes) or "no TPDO"
 
 
 def _new_samples(patch: PatchCheck) -> Check:
@@ -404,22 +403,11 @@ def _rests_in_band(patch: PatchCheck) -> Check:
         _need(abs(pressure) <= board.threshold, f"reading {sub} is {pressure:.0f} Pa untouched; {wanted}")
 
 
-def _guard(patch: PatchCheck) -> Check:
-    """Limits that no reading can be above arm it; damaged ones are refused."""
-    if not has(patch.od, GUARD_LIMITS):
-        return
-    board, place = describe_patch(patch.od), index_of(patch.od, GUARD_LIMITS)
+def _limits(patch: PatchCheck) -> bytes:
+    """Return limits of the guard that no reading can be above."""
+    board = describe_patch(patch.od)
     limits = np.where(np.broadcast_to(board.healthy, board.n_tactels), NO_LIMIT - 1, NO_LIMIT)
-    data = GuardLimits(1, 1, 2**31 - 1, limits, np.zeros(board.n_tactels, np.int64)).encode()
-    yield from _ask(Request(*place, data))
-    _need((yield from _ask(Request(*place))) == data, "the limits are read back as others")
-    period_us = yield from _number(*index_of(patch.od, GUARD_PERIOD_US))
-    yield from patch.command(NmtCommand.START, ANSWER_NS + 3000 * period_us)
-    state = yield from _number(*index_of(patch.od, GUARD_STATE))
-    _need(state == GuardState.ARMED, f"with limits its state is {state}; wanted {GuardState.ARMED:d}: armed")
-    reply: Reply = yield Request(*place, data[:-1] + bytes([data[-1] ^ 1]))
-    _need(reply.abort, "took limits with a wrong checksum")
-    yield from patch.reset()
+    return GuardLimits(1, 1, 2**31 - 1, limits, np.zeros(board.n_tactels, np.int64)).encode()
 
 
 SCRIPTS: dict[str, Callable[[PatchCheck], Check]] = {
@@ -432,7 +420,6 @@ SCRIPTS: dict[str, Callable[[PatchCheck], Check]] = {
     "left-adjusted": _left_adjusted,
     "at rest": _rests_in_band,
     "pressed": _pressed,
-    "guard": _guard,
 }
 """Of rules without a dialogue."""
 
@@ -502,9 +489,19 @@ class Dialogue:
 
     def _frame(self, words: Sequence[str]) -> Frame:
         base, plus, _ = words[0].partition("+n")
-        digits = "".join(words[1:]).replace("n", f"{self.node_id:02X}").replace("v", self.value.hex())
-        data = bytes.fromhex(digits)
-        return Frame(int(base, 16) + self.node_id * bool(plus), data)
+        return Frame(int(base, 16) + self.node_id * bool(plus), self._bytes(" ".join(words[1:])))
+
+    def _bytes(self, text: str) -> bytes:
+        """Return the bytes that words of a step spell."""
+        letters = {"n": bytes([self.node_id]), "v": self.value, "r": bytes([self.error])}
+        if "l" in text:
+            letters["l"] = _limits(self.patch)
+        for letter, data in letters.items():
+            text = text.replace(letter, data.hex())
+        spelled = bytearray.fromhex(text.strip("=&^ "))
+        if "^" in text:
+            spelled[-1] ^= 1
+        return bytes(spelled)
 
     def _first(self, wanted: Frame) -> str:
         """Return what is wrong unless, but for other heartbeats, this came first of its frames, and once."""
@@ -530,7 +527,7 @@ class Dialogue:
     def _transfer(self, verb: str, place: str, *words: str) -> Script[str]:
         """Read or write; an exclamation mark asks for an abort, by one of the codes after it if there are."""
         values, mark, codes = " ".join(words).partition("!")
-        data = bytes.fromhex(values.strip("=&").replace("r", f"{self.error:02X}"))
+        data = self._bytes(values)
         reply: Reply = yield Request(*_place(place), None if verb == "read" else data)
         self.value = reply.data
         if mark and not reply.abort:

@@ -5,7 +5,7 @@ import numpy as np
 from skinbus.estimate import Quality, TactelFault
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
-from skinbus.objects.profile import FAULTY, PATCH_FAULTY, PATCH_FAULTY_COUNT, index_of
+from skinbus.objects.profile import PATCH_FAULTY, PATCH_FAULTY_COUNT, index_of
 from skinbus.sim.scene_file import SCENES
 from tests.master.rig import Rig
 
@@ -24,7 +24,7 @@ def test_tactel_at_full_scale_is_no_contact_and_one_beside_it_says_so(tmp_path):
     code = tuple(cia.EmcyCode.DEVICE_SPECIFIC.to_bytes(2, "little"))
     assert [data[3:7] for data in said if data[:2] == code] == [(NODE, TACTEL, TactelFault.RAIL, 1)]
     shown = [
-        index_of(OD, FAULTY),
+        index_of(OD, "Cycle/Implausible tactels"),
         *((index_of(OD, name)[0], NODE) for name in (PATCH_FAULTY, PATCH_FAULTY_COUNT)),
     ]
     assert [rig.master.device.get(*entry) for entry in shown] == [1, 1 << TACTEL - 1, 1]
