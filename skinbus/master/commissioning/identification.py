@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from skinbus.arrays import Floats
-from skinbus.can.core import NEVER
 from skinbus.printable import printable
 
 HOLD_NS = 300_000_000
@@ -36,8 +35,6 @@ SECOND = 0.5
 """Part of the strength of a board from which another one that is pressed too counts as pressed."""
 CENTRE = 0.2
 """Part of the smaller side of a board within which its centre is."""
-REMIND_NS = 20_000_000_000
-"""Without a press for so long possible causes are shown, once."""
 
 SHORT = "was touched too shortly: hold for a second"
 TOO_LIGHT = "was pressed too lightly: press harder"
@@ -45,7 +42,7 @@ STUCK = "is pressed without end: what it reads now is its zero"
 
 HELP = (
     "Press for a second where the next line says, let go, and wait for the next line. undo: take back the "
-    "last press; skip: leave this place out; done: that is enough; quit: stop."
+    "last press; skip: leave this place out, as where no press is felt; done: that is enough; quit: stop."
 )
 
 
@@ -60,8 +57,8 @@ class Board:
     """(n_tactels, 2) m"""
     threshold: float
     """Pa"""
-    identity: tuple[int, ...] = (0, 0, 0, 0)
-    """Vendor, product, revision, serial number."""
+    serial: int = 0
+    """Number; 0 of a board that has none."""
 
 
 class Place(NamedTuple):
@@ -80,7 +77,7 @@ class Identified(NamedTuple):
     """The board that was found at a place."""
 
     node_id: int
-    identity: tuple[int, ...]
+    serial: int
 
 
 class HandPress(NamedTuple):
@@ -107,11 +104,6 @@ class PressDetector:
         self._zero = np.full(len(self._at), np.nan)
         self._first_ns = self._last_ns = 0
         self._rows: list[tuple[float, Floats]] = []
-
-    @property
-    def is_pressed(self) -> bool:
-        """Whether a press is under way."""
-        return bool(self._rows)
 
     def step(self, now_ns: int, pressures: Floats) -> HandPress | None:
         """Take the pressures (n_tactels,) Pa of a cycle; return the press that has ended with it.
@@ -171,7 +163,7 @@ class Identification:
         self.places, self.boards = tuple(places), tuple(boards)
         self.is_over = self.is_quit = False
         self._detector = PressDetector(boards)
-        self._remind_ns = 0
+        self._has_begun = False
         self._answers: list[Identified | None] = []
         """Of the first places; None for one that was left out."""
 
@@ -183,21 +175,14 @@ class Identification:
 
     def step(self, now_ns: int, pressures: Floats, answers: Sequence[str] = ()) -> list[str]:
         """Take the pressures (n_tactels,) Pa of a cycle and lines that were typed; return lines to show."""
-        lines: list[str] = [] if self._remind_ns else [HELP, self._ask()]
+        lines: list[str] = [] if self._has_begun else [HELP, self._ask()]
+        self._has_begun = True
         for answer in answers:
             if not self.is_over:
                 lines += self._answer(answer.strip())
         press = self._detector.step(now_ns, pressures)
         if press is not None and not self.is_over:
             lines += [self._take(press), self._ask()]
-        if lines or self._detector.is_pressed:
-            self._remind_ns = now_ns + REMIND_NS
-        elif now_ns > self._remind_ns and not self.is_over:
-            self._remind_ns = NEVER
-            lines += [
-                "No press was felt. Press harder, or type skip if the board there is dead.",
-                self._ask(),
-            ]
         return lines
 
     def _ask(self) -> str:
@@ -228,7 +213,7 @@ class Identification:
     def _take(self, press: HandPress) -> str:
         """Note the board that sits at the place, or return what is wrong with the press."""
         place, board = self.places[len(self._answers)], self.boards[press.board]
-        own = Identified(board.node_id, board.identity)
+        own = Identified(board.node_id, board.serial)
         if press.flaw:
             return f"Node {board.node_id} {press.flaw}."
         if press.others:

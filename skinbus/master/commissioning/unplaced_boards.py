@@ -82,7 +82,7 @@ def unplaced(nodes: Iterable[Found], arm: Arm) -> Unplaced | None:
             strangers.append(node.node_id)
             continue
         uv, threshold = own.patch.tactels_uv, own.patch.threshold
-        boards.append(Board(node.node_id, own.kind, uv, threshold, tuple(numbers[1:])))
+        boards.append(Board(node.node_id, own.kind, uv, threshold, numbers[-1]))
         row, column = divmod(len(patches), GRID)
         s, a = APART * (column + 1), APART * (row - 0.5 * GRID)
         patches.append(PlacedPatch(patch=own.patch, node_id=node.node_id, link=0, s=s, a=a, eds=own.eds))
@@ -156,7 +156,7 @@ def changes_of(mountings: Sequence[Mounting], found: Mapping[str, Identified]) -
 
 
 def _change(mounting: Mounting, own: Identified, mountings: Sequence[Mounting]) -> dict[str, Any]:
-    serial = own.identity[-1]
+    serial = own.serial
     change: dict[str, Any] = {}
     if own.node_id != mounting.board.node_id:
         change["node_id"] = own.node_id

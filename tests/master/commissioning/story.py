@@ -37,7 +37,7 @@ class Story:
                 kinds[p].kind,
                 self.plan.patches[p].patch.tactels_uv,
                 self.plan.patches[p].patch.threshold,
-                (1, 2, 3, self.arm.patches[p].serial),
+                self.arm.patches[p].serial,
             )
             for p in self.order
         ]
@@ -79,4 +79,4 @@ class Story:
             if own is None:
                 continue
             assert own.node_id == placed.node_id
-            assert own.identity[3] == placed.serial
+            assert own.serial == placed.serial

@@ -29,7 +29,7 @@ def test_what_was_found_goes_into_the_arm_file(tmp_path):
     changes = changes_of(story.mountings, story.dialogue.found)
     (after,) = check_tables(tomllib.loads(edit_arm(path, path.read_text(), changes)), path).mountings
     (own,) = story.dialogue.found.values()
-    assert (after.board.node_id, after.board.serial) == (own.node_id, own.identity[3])
+    assert (after.board.node_id, after.board.serial) == (own.node_id, own.serial)
 
 
 WRONG = {
@@ -91,9 +91,9 @@ def test_the_file_of_a_calibrated_board_goes_where_the_board_is():
     )
     keys = [m.key for m in mountings]
     found = {
-        keys[0]: Identified(3, (0, 0, 0, 9)),
-        keys[1]: Identified(1, (0, 0, 0, 7)),
-        keys[2]: Identified(2, (0, 0, 0, 8)),
+        keys[0]: Identified(3, 9),
+        keys[1]: Identified(1, 7),
+        keys[2]: Identified(2, 8),
     }
     changes = changes_of(mountings, found)
     assert [changes[key]["eds"] for key in keys] == ["x", "one.dcf", "two.dcf"]
@@ -102,5 +102,5 @@ def test_the_file_of_a_calibrated_board_goes_where_the_board_is():
 def test_a_place_without_a_board_gives_its_node_id_up():
     mountings = mountings_of({"node_id": 1}, {"node_id": 2}, {"node_id": 3})
     keys = [m.key for m in mountings]
-    found = {keys[0]: Identified(2, (0, 0, 0, 0)), keys[2]: Identified(3, (0, 0, 0, 0))}
+    found = {keys[0]: Identified(2, 0), keys[2]: Identified(3, 0)}
     assert changes_of(mountings, found) == {keys[0]: {"node_id": 2}, keys[1]: {"node_id": 1}}
