@@ -94,11 +94,6 @@ class Master(Core):
         self.cycle.serials = self.table.serial
         stages = self.cycle.baseline, self.cycle.plausibility
         plans = expected_nodes(arm, ods)
-        self.robot = None
-        if arm.robot:
-            from skinbus.master.robot import MasterRobot  # nobody else pays for it
-
-            self.robot = MasterRobot(arm)
         guards = arm.guard is not None and not follows
         self.branches = [
             BusMaster(
@@ -112,9 +107,13 @@ class Master(Core):
         self.n_buses = len(self.branches)
         self._follows = follows
         self._contest = None if number is None else Contest(node_id, number, len(arm.buses))
-        self.publisher = Publisher(arm, [branch.device for branch in self.branches])
-        if self.robot:
-            self.robot.publish_on([branch.device for branch in self.branches])
+        devices = [branch.device for branch in self.branches]
+        self.publisher = Publisher(arm, devices)
+        self.robot = None
+        if arm.robot:
+            from skinbus.master.robot import MasterRobot  # nobody else pays for it
+
+            self.robot = MasterRobot(arm, devices)
         self._data_ids = plan.cob_ids_on
         self._stopwatch = stopwatch
         self._on_cycle = on_cycle

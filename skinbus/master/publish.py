@@ -52,12 +52,6 @@ OF_LINKS = (
     profile.LINK_AREA,
 )
 OF_STATES = (profile.PATCH_STATE, profile.PATCH_AGE_MS, profile.PATCH_ERROR)
-OF_FRAMES = (
-    profile.FRAMES_ACCEPTED,
-    profile.FRAMES_UNKNOWN,
-    profile.FRAMES_BAD_LENGTH,
-    profile.FRAMES_LOST,
-)
 COVARIANCES = (
     ("Variance s", 0, 0),
     ("Covariance s a", 0, 1),
@@ -84,7 +78,7 @@ class _Node:
         self.records = device.values.rows(first, profile.MAX_CONTACTS)
         self.cycle = device.values.rows(profile.index_of(od, profile.CYCLES)[0], 1)
         self.load = device.values.rows(profile.index_of(od, profile.LOAD)[0], 1)
-        self.frames = views(OF_FRAMES, 1)
+        self.frames = device.values.rows(od[profile.FRAMES].index, 1)
         self.states = views(OF_STATES, cia.MAX_NODE_ID)
         self.patch_loads = views(OF_PATCHES, cia.MAX_NODE_ID)
         self.link_loads = views(OF_LINKS, MAX_LINKS)
@@ -189,10 +183,9 @@ class Publisher:
 
     def frames(self, counters: FrameCounters) -> None:
         """Write the frame counters, those of all buses (SDO only)."""
-        values = (counters.accepted, counters.unknown, counters.bad_length, counters.lost)
+        values = counters.accepted, counters.unknown, counters.bad_length, counters.lost
         for node in self._nodes:
-            for view, value in zip(node.frames, values, strict=True):
-                view[0] = value & 0xFFFFFFFF
+            node.frames[0] = tuple(value & 0xFFFFFFFF for value in values)
 
     def _write_unseen(self, now_ns: int, tracks: Tracks, which: npt.NDArray[np.intp]) -> None:
         """Say of tracks that they coast or have ended: as last seen, but a lifted one has no force."""

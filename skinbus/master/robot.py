@@ -31,8 +31,8 @@ OFFERED = 64
 class MasterRobot:
     """Takes joint positions as they come and, at the end of a cycle, writes what contacts do to the robot."""
 
-    def __init__(self, arm: Arm) -> None:
-        """Read the URDF of an arm.
+    def __init__(self, arm: Arm, devices: Sequence[Device] = ()) -> None:
+        """Read the URDF of an arm; objects are those of these nodes of the master.
 
         Raises:
             ConfigError: the URDF, or the arm file that goes with it, has faults.
@@ -41,15 +41,10 @@ class MasterRobot:
         assert arm.robot
         self.frames = RobotFrames(arm)
         self.positions = JointPositions(self.frames.chain, arm.robot)
-        self._outputs: list[_Objects] = []
+        self._outputs = [_Objects(device, self.frames.chain.n_joints) for device in devices]
         # from another thread, taken when a cycle closes; a deque bears both ends
         self._offered: deque[tuple[int, Floats]] = deque(maxlen=OFFERED)
-
-    def publish_on(self, devices: Sequence[Device]) -> None:
-        """Write the objects of these nodes of the master from now on."""
-        self._outputs = [_Objects(device, self.frames.chain.n_joints) for device in devices]
-        for output in self._outputs:
-            output.clear()
+        self.clear()
 
     def offer(self, t_ns: int, positions: npt.ArrayLike | Mapping[str, float]) -> None:
         """Take positions of a time from Python, from any thread; see ``JointPositions.set``.

@@ -59,88 +59,6 @@ def same_identity(n: int) -> str:
     return f"{n} nodes have this identity, serial number and all; connect one at a time"
 
 
-class LssMaster:
-    """The services of the LSS master, as scripts."""
-
-    def __init__(self, timeout_ns: int = LSS_TIMEOUT_NS) -> None:
-        self._timeout_ns = timeout_ns
-
-    def _ask(
-        self,
-        first: int,
-        *frames: Frame,
-        slower: int = 1,
-        awaits_all: bool = False,
-        can_id: int = cia.LSS_SLAVE_ID,
-    ) -> Script[list[bytes]]:
-        """Send frames; return the answers that begin with a byte: one, or all that come."""
-        ns = slower * self._timeout_ns
-
-        def is_answer(frame: Frame) -> bool:
-            return frame.can_id == can_id and frame.data[:1] == bytes([first])
-
-        received = yield Listen(ns, is_answer, frames, ns // SETTLE_SHARE if awaits_all else 0)
-        return [frame.data for frame in received if is_answer(frame)]
-
-    def release(self) -> Script[None]:
-        """Let all nodes wait; nobody answers, but all are given time."""
-        yield Listen(self._timeout_ns, send=(switch_all(Mode.WAITING),))
-
-    def select(self, address: Sequence[int]) -> Script[bool]:
-        """Put the node with this identity into configuration, if it is there."""
-        numbers = [number.to_bytes(4, "little") for number in address]
-        frames = map(lss_request, SWITCH_SELECTIVE, numbers)
-        return bool((yield from self._ask(Lss.SWITCHED, *frames)))
-
-    def inquire_node_ids(self) -> Script[list[int]]:
-        """Return the node-IDs of the nodes in configuration, 255 for none yet; there should be one."""
-        command = Lss.INQUIRE_NODE_ID
-        answers = yield from self._ask(command, lss_request(command), awaits_all=True)
-        return [answer[1] for answer in answers if len(answer) > 1]
-
-    def configure_node_id(self, node_id: int) -> Script[str]:
-        """Give the node in configuration a node-ID; return what is wrong, or nothing."""
-        command = Lss.CONFIGURE_NODE_ID
-        answers = yield from self._ask(command, lss_request(command, bytes([node_id])), awaits_all=True)
-        if len(answers) == 1:
-            return "" if answers[0][1:2] == b"\0" else f"refused node-ID {node_id}"
-        fault = same_identity(len(answers)) if answers else "did not answer when it was given a node-ID"
-        return f"{fault}; it may have taken node-ID {node_id}, which it has not stored: switch it off and on"
-
-    def store(self) -> Script[str]:
-        """Make the node in configuration store its node-ID; return what is wrong, or nothing."""
-        answers = yield from self._ask(Lss.STORE, lss_request(Lss.STORE), slower=SLOW)
-        if not answers:
-            return "did not answer the store command"
-        is_good = answers[0][1:2] == b"\0"
-        return "" if is_good else "cannot store its node-ID: it is lost when the node is switched off"
-
-    def boots(self, node_id: int, command: Frame) -> Script[bool]:
-        """Return whether a node sends a boot-up message after a command that makes it boot."""
-        return bool((yield from self._ask(0, command, slower=SLOW, can_id=cia.HEARTBEAT_BASE + node_id)))
-
-    def fastscan(self) -> Script[Address | None]:
-        """Find one node without node-ID and put it into configuration; None when there is none."""
-        if not (yield from self._is_there(0, FASTSCAN_ALL, 0, 0)):
-            return None
-        found: list[int] = []
-        for part in range(len(Address._fields)):
-            following = (part + 1) % len(Address._fields)
-            number = 0
-            for bit in reversed(range(BITS)):
-                if not (yield from self._is_there(number, bit, part, part)):
-                    number |= 1 << bit
-            if not (yield from self._is_there(number, 0, part, following)):
-                return None  # whoever answered has fallen silent
-            found.append(number)
-        return Address(*found)
-
-    def _is_there(self, number: int, bit: int, part: int, following: int) -> Script[bool]:
-        data = _FASTSCAN.pack(Lss.FASTSCAN, number, bit, part, following)
-        request = Frame(cia.LSS_MASTER_ID, data)
-        return bool((yield from self._ask(Lss.IDENTIFIED, request, awaits_all=True)))
-
-
 SELECT_TRIES = 2
 
 
@@ -205,7 +123,7 @@ class Assigner(ScriptCore):
         self._known = known
         self._free = free
         self._on_result = on_result
-        self._lss = LssMaster(timeout_ns)
+        self._timeout_ns = timeout_ns
         self._scanned = False
         self.cob_ids = self.scanner.cob_ids
 
@@ -220,14 +138,14 @@ class Assigner(ScriptCore):
 
     def _run(self) -> Script[None]:
         """Give all nodes their node-IDs."""
-        yield from self._lss.release()
+        yield from self._release()
         taken = set(self.scanner.nodes)
         if self._known:
             yield from self._assign_known(taken)
         taken.update(known.node_id for known in self._known)
         free = [node_id for node_id in self._free if node_id not in taken]
         seen: set[Address] = set()
-        while (address := (yield from self._lss.fastscan())) is not None:
+        while (address := (yield from self._fastscan())) is not None:
             if address in seen:
                 self._report(0, address, Assigned.REFUSED, "answers fastscan though it has a node-ID")
                 break
@@ -240,7 +158,7 @@ class Assigner(ScriptCore):
             self._report(node_id, address, outcome, fault)
             if outcome is Assigned.REFUSED:
                 break  # it would be found again, and again
-        yield from self._lss.release()
+        yield from self._release()
 
     def _assign_known(self, taken: set[int]) -> Script[None]:
         """Give the nodes with known identity their node-IDs."""
@@ -261,7 +179,7 @@ class Assigner(ScriptCore):
             outcome, fault = Assigned.REFUSED, f"node-ID {node_id} is taken by another node"
             if node_id not in taken:
                 fault = "stopped answering"
-                if (yield from self._lss.select(address)):
+                if (yield from self._select(address)):
                     outcome, fault = yield from self._give(node_id, had)
             if outcome is Assigned.REFUSED and had in taken:
                 fault += f"; two nodes have node-ID {had} now"
@@ -274,15 +192,15 @@ class Assigner(ScriptCore):
         """Return the present node-IDs of the known nodes that are there."""
         old: dict[Known, int] = {}
         for known in self._known:
-            node_ids: list[int] | None = None
             for _ in range(SELECT_TRIES):
-                if (yield from self._lss.select(known.address)):
-                    node_ids = yield from self._lss.inquire_node_ids()
-                    yield from self._lss.release()
+                if (yield from self._select(known.address)):
                     break
-            if node_ids is None:
+            else:
                 self._report(known.node_id, known.address, Assigned.ABSENT, "does not answer")
-            elif len(node_ids) > 1:
+                continue
+            node_ids = yield from self._inquire_node_ids()
+            yield from self._release()
+            if len(node_ids) > 1:
                 fault = f"{same_identity(len(node_ids))} (node-IDs {sorted(node_ids)}, as before)"
                 self._report(known.node_id, known.address, Assigned.REFUSED, fault)
             else:
@@ -291,16 +209,16 @@ class Assigner(ScriptCore):
 
     def _give(self, node_id: int, old: int = UNCONFIGURED) -> Script[tuple[Assigned, str]]:
         """Let the node in configuration store a node-ID and boot with it; return what came of it, and why."""
-        fault = yield from self._lss.configure_node_id(node_id)
+        fault = yield from self._configure_node_id(node_id)
         if fault:
-            yield from self._lss.release()
+            yield from self._release()
             return Assigned.REFUSED, fault
-        fault = yield from self._lss.store()
+        fault = yield from self._store()
         command = switch_all(Mode.WAITING)
         if old != UNCONFIGURED:  # one that has no node-ID yet boots when it is let go
-            yield from self._lss.release()
+            yield from self._release()
             command = nmt_frame(cia.NmtCommand.RESET_COMMUNICATION, old)
-        has_booted = yield from self._lss.boots(node_id, command)
+        has_booted = yield from self._boots(node_id, command)
         if fault:
             return Assigned.NOT_STORED, fault
         return (Assigned.ASSIGNED, "") if has_booted else (Assigned.NOT_SEEN, "no boot-up message")
@@ -309,3 +227,78 @@ class Assigner(ScriptCore):
         self.results.append(Assignment(*result))
         if self._on_result:
             self._on_result(self.results[-1])
+
+    def _ask(
+        self,
+        first: int,
+        *frames: Frame,
+        slower: int = 1,
+        awaits_all: bool = False,
+        can_id: int = cia.LSS_SLAVE_ID,
+    ) -> Script[list[bytes]]:
+        """Send frames; return the answers that begin with a byte: one, or all that come."""
+        ns = slower * self._timeout_ns
+
+        def is_answer(frame: Frame) -> bool:
+            return frame.can_id == can_id and frame.data[:1] == bytes([first])
+
+        received = yield Listen(ns, is_answer, frames, ns // SETTLE_SHARE if awaits_all else 0)
+        return [frame.data for frame in received if is_answer(frame)]
+
+    def _release(self) -> Script[None]:
+        """Let all nodes wait; nobody answers, but all are given time."""
+        yield Listen(self._timeout_ns, send=(switch_all(Mode.WAITING),))
+
+    def _select(self, address: Sequence[int]) -> Script[bool]:
+        """Put the node with this identity into configuration, if it is there."""
+        numbers = [number.to_bytes(4, "little") for number in address]
+        frames = map(lss_request, SWITCH_SELECTIVE, numbers)
+        return bool((yield from self._ask(Lss.SWITCHED, *frames)))
+
+    def _inquire_node_ids(self) -> Script[list[int]]:
+        """Return the node-IDs of the nodes in configuration, 255 for none yet; there should be one."""
+        command = Lss.INQUIRE_NODE_ID
+        answers = yield from self._ask(command, lss_request(command), awaits_all=True)
+        return [answer[1] for answer in answers if len(answer) > 1]
+
+    def _configure_node_id(self, node_id: int) -> Script[str]:
+        """Give the node in configuration a node-ID; return what is wrong, or nothing."""
+        command = Lss.CONFIGURE_NODE_ID
+        answers = yield from self._ask(command, lss_request(command, bytes([node_id])), awaits_all=True)
+        if len(answers) == 1:
+            return "" if answers[0][1:2] == b"\0" else f"refused node-ID {node_id}"
+        fault = same_identity(len(answers)) if answers else "did not answer when it was given a node-ID"
+        return f"{fault}; it may have taken node-ID {node_id}, which it has not stored: switch it off and on"
+
+    def _store(self) -> Script[str]:
+        """Make the node in configuration store its node-ID; return what is wrong, or nothing."""
+        answers = yield from self._ask(Lss.STORE, lss_request(Lss.STORE), slower=SLOW)
+        if not answers:
+            return "did not answer the store command"
+        is_good = answers[0][1:2] == b"\0"
+        return "" if is_good else "cannot store its node-ID: it is lost when the node is switched off"
+
+    def _boots(self, node_id: int, command: Frame) -> Script[bool]:
+        """Return whether a node sends a boot-up message after a command that makes it boot."""
+        return bool((yield from self._ask(0, command, slower=SLOW, can_id=cia.HEARTBEAT_BASE + node_id)))
+
+    def _fastscan(self) -> Script[Address | None]:
+        """Find one node without node-ID and put it into configuration; None when there is none."""
+        if not (yield from self._is_there(0, FASTSCAN_ALL, 0, 0)):
+            return None
+        found: list[int] = []
+        for part in range(len(Address._fields)):
+            following = (part + 1) % len(Address._fields)
+            number = 0
+            for bit in reversed(range(BITS)):
+                if not (yield from self._is_there(number, bit, part, part)):
+                    number |= 1 << bit
+            if not (yield from self._is_there(number, 0, part, following)):
+                return None  # whoever answered has fallen silent
+            found.append(number)
+        return Address(*found)
+
+    def _is_there(self, number: int, bit: int, part: int, following: int) -> Script[bool]:
+        data = _FASTSCAN.pack(Lss.FASTSCAN, number, bit, part, following)
+        request = Frame(cia.LSS_MASTER_ID, data)
+        return bool((yield from self._ask(Lss.IDENTIFIED, request, awaits_all=True)))

@@ -110,9 +110,6 @@ class Scanner(NodesCore[None]):
             if not reply.abort:
                 node.texts[name] = reply.data.decode("latin-1").rstrip("\0")
 
-    def _conclude(self, node_id: int, result: None) -> None:
-        """All is noted."""
-
     def _hear(self, frame: Frame) -> None:
         can_id, data, node_id = frame.can_id, frame.data, frame.can_id & 0x7F
         if can_id == cia.LSS_SLAVE_ID:

@@ -270,7 +270,6 @@ class NodesCore(Core, Generic[T]):
     def _script(self, node_id: int) -> Script[T]:
         """Return the script of a node."""
 
-    @abstractmethod
     def _conclude(self, node_id: int, result: T) -> None:
         """Take what a script has returned."""
 
