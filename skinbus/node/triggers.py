@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from skinbus.arrays import Bools, Ints
 from skinbus.node.context import Context, Part
-from skinbus.node.layout import key_of
 from skinbus.node.tpdo import Tpdo, TpdoService
 from skinbus.objects.cia import (
     ANALOGUE_DELTA,
@@ -97,5 +96,5 @@ class AnalogueTriggers(Part):
 
     def _column(self, index: int) -> Ints:
         """Values of an array object, one for each input; zero where it has none."""
-        own = [self.layout.entries.get(key_of(index, sub)) for sub in range(1, self.n + 1)]
-        return np.array([entry.decode(self.values.load(entry)) if entry else 0 for entry in own], np.int64)
+        subs, own = range(1, self.n + 1), self.layout.subs(index)
+        return np.array([self.values.get(index, sub) if sub in own else 0 for sub in subs], np.int64)
