@@ -22,8 +22,9 @@ from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Surface, Transduc
 from skinbus.model.patch import grid
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
+from skinbus.sim.effects.readings import Crosstalk
 from skinbus.sim.indenter import Indenter, Shape
-from skinbus.sim.laws import ConeSettings, Elastic
+from skinbus.sim.laws import ConeSettings, Elastic, HalfSpace
 from skinbus.sim.layer import Geometry, Loads
 
 PITCH = 0.010
@@ -101,10 +102,10 @@ def cone_skin(arm, rng):
     )
 
 
-def calibrated_skin(learned_with, pressed_by, rng):
+def calibrated_skin(learned_with, pressed_by, rng, layer=ELASTIC):
     """Return a board of rubber calibrated by presses; radii of indenters, m."""
     arm = Arm.single_patch(grid(4, 4, PITCH), law=Cone(4e6), transducer=TRANSDUCER)  # Pa/m
-    feel = feel_of(arm, ELASTIC, learned_with)
+    feel = feel_of(arm, layer, learned_with)
     response = 1.0 + GAIN_SPREAD * rng.standard_normal(arm.n_tactels)
     noise = 0.01 * float(feel(np.array([[0.5 * PITCH, 0.5 * PITCH, 5.0]])).max())
 
@@ -116,18 +117,23 @@ def calibrated_skin(learned_with, pressed_by, rng):
     touches = np.column_stack([rng.uniform(-half, half, (n, 2)), rng.uniform(2.0, 20.0, n)])
     readings = np.stack([read(feel(touch[None]), rng) for touch in touches])
     learned = learn_radial_law(arm, *touches.T, readings)
-    return SkinModel(learned.apply(arm), feel_of(arm, ELASTIC, pressed_by), partial(read, gain=learned.gain))
+    return SkinModel(learned.apply(arm), feel_of(arm, layer, pressed_by), partial(read, gain=learned.gain))
 
 
-def shipped_skin(arm, indenter, rng):
-    """Return rubber with the law that boards ship with and gains that the estimator is not given."""
+def shipped_skin(arm, indenter, rng, layer=ELASTIC, crosstalk=0.0):
+    """Return rubber with the law that boards ship with and gains that the estimator is not given.
+
+    ``crosstalk`` is the share of each other tactel of the row, and of the column, that a tactel reads.
+    """
     arm = arm.with_law(shipped_law())
     response = 1.0 + GAIN_SPREAD * rng.standard_normal(arm.n_tactels)
 
-    def read(pressures, rng):
-        return pressures * response + NOISE * rng.standard_normal(len(pressures))
+    leak = Crosstalk(row=crosstalk, column=crosstalk).bind(arm, rng)
 
-    return SkinModel(arm, feel_of(arm, ELASTIC, indenter), read)
+    def read(pressures, rng):
+        return leak(pressures * response, 0.0) + NOISE * rng.standard_normal(len(pressures))
+
+    return SkinModel(arm, feel_of(arm, layer, indenter), read)
 
 
 def _step(rng, least, most):
@@ -202,6 +208,9 @@ SKINS = {
     "box thumb": partial(shipped_skin, PAD, THUMB),
     "box tip": partial(shipped_skin, PAD, TIP),
     "box forearm": partial(shipped_skin, cone_forearm(), FINGER),
+    "box crosstalk": partial(shipped_skin, PAD, FINGER, crosstalk=0.02),
+    "box half-space": partial(shipped_skin, PAD, FINGER, layer=HalfSpace()),
+    "finger half-space": partial(calibrated_skin, FINGER, FINGER, layer=HalfSpace()),
 }
 """Of the cone; calibrated with and pressed by; out of the box. "hexagon" is six triangles around a point."""
 DRAWS = {

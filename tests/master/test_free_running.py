@@ -47,9 +47,13 @@ force_n = [[4.0, 0.0], [4.02, 5.0], [5.0, 5.0], [5.02, 0.0]]
 """
 
 
-def by_events(event_ms=0, *, on_change=True):
+def by_events(event_ms=0, *, on_change=True, delta=60):
     """What a patch is set to that runs freely."""
-    values = {"0x6423": "true" if on_change else "false", "0x6421": str([4] * 16), "0x6426": str([60] * 16)}
+    values = {
+        "0x6423": "true" if on_change else "false",
+        "0x6421": str([4] * 16),
+        "0x6426": str([delta] * 16),
+    }
     for index in range(0x1800, 0x1804):
         values |= {f"0x{index:X}:02": 254, f"0x{index:X}:03": 0, f"0x{index:X}:05": event_ms}
     return "{" + ", ".join(f'"{key}" = {value}' for key, value in values.items()) + "}"

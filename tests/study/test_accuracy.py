@@ -3,32 +3,22 @@
 Seeds here are below 100, as all seeds of tests and of tuning; the table of the docs has one of its own.
 """
 
-import zlib
-from itertools import islice
-
 import numpy as np
 import pytest
 
 from skinbus.estimate import Estimator
 from skinbus.sim.laws import Elastic
-from tests.bench.estimator import COLUMNS, errors, figures
-from tests.skins import DRAWS, SKINS, feel_of, reached
+from tests.bench.estimator import COLUMNS, figures, measure
+from tests.skins import SKINS, feel_of
 
 SEED_HERE = 17
-PERIOD_NS = 20_000_000
 
 
-def measured(skin_name, draw, n, seed=SEED_HERE, chunk=0):
+def measured(skin, draw, n, seed=SEED_HERE, chunk=0):
     """Return the figures of n cases of a family, and the errors of each touch in those of the right count."""
-    rng = np.random.default_rng([seed, chunk, zlib.crc32(f"{skin_name} {draw}".encode())])
-    skin, cases = SKINS[skin_name](rng), []
-    estimator, surface = Estimator(skin.arm, "full"), skin.arm.links[0].surface
-    for k, touches in enumerate(islice(reached(skin, DRAWS[draw], rng), n), 1):
-        c = estimator.update(skin.read(skin.feel(touches), rng), k * PERIOD_NS)
-        rows = errors(surface, touches, c.s, c.a, c.force, c.covariance, c.quality)
-        cases.append((rows, len(c) == len(touches), 0, 0.0))
+    cases = measure(skin, draw, n, seed, chunk, ["full"])["full"]
     found = dict(zip(COLUMNS, figures(cases), strict=True))
-    print("seed", seed, skin_name, draw, n, found)
+    print("seed", seed, skin, draw, n, found)
     return found, np.array([row for rows, *_ in cases for row in rows])
 
 
