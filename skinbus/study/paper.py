@@ -144,7 +144,7 @@ N_CELLS = sum(map(len, SWEEPS.values()))
 
 
 def make_all(
-    folder: Path, *, trials: int, seed: int = 0, done: Callable[[int], None] = lambda n: None
+    folder: Path, *, trials: int = 400, seed: int = 0, done: Callable[[int], None] = lambda n: None
 ) -> None:
     """Run the paper's experiments; write tables (CSV) and figures (SVG).
 

@@ -9,8 +9,8 @@ from typing import Any
 import click
 
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted
 from skinbus.cli.output import echo
+from skinbus.formatting import counted
 from skinbus.robot.chain import check_robot
 from skinbus.sim import load_scene, scene_names
 from skinbus.sim.cost import measure
@@ -83,8 +83,7 @@ def check(file: str) -> None:
 
 @command.command()
 @click.argument("scene")
-@click.option("--cycles", type=click.IntRange(min=1), help="Cycles to play (default: the whole scene).")
-def cost(scene: str, cycles: int | None) -> None:
+def cost(scene: str) -> None:
     """Measure what each part of SCENE costs per cycle.
 
     A part is left out, and the rest is timed.
@@ -98,7 +97,7 @@ def cost(scene: str, cycles: int | None) -> None:
     played = load_scene(scene)
     console = Console()
     with console.status("playing ..."):
-        result = measure(played, time.thread_time_ns, n_cycles=cycles)
+        result = measure(played, time.thread_time_ns)
     parts = {**result.parts, "whole": result.whole_us}
     rows = [(name, f"{us:.1f}", f"{100 * us / result.whole_us:.1f}") for name, us in parts.items()]
     console.table(("part", "us", "%"), rows, f"{played.name}: cost of a cycle")

@@ -8,8 +8,8 @@ from typing import Any
 import click
 
 from skinbus.cli.console import Console
-from skinbus.cli.output import extra_wanted
 from skinbus.cli.progress import progress
+from skinbus.errors import extra_wanted
 
 
 def _out(name: str) -> Any:
@@ -37,8 +37,7 @@ def command() -> None:
 @command.command()
 @click.argument("arms", metavar="[ARM]...", nargs=-1)
 @_out("study-arm")
-@click.option("--trials", type=click.IntRange(min=20), default=400, help="Cycles of each point.")
-def arm(arms: tuple[str, ...], folder: Path, trials: int) -> None:
+def arm(arms: tuple[str, ...], folder: Path) -> None:
     """Measure error against time for each ARM.
 
     ARM is a name or a TOML file, by default forearm. The command says which level to run.
@@ -63,7 +62,7 @@ def arm(arms: tuple[str, ...], folder: Path, trials: int) -> None:
     console, points = Console(), list[arm_study.Point]()
     with progress(console, "points", len(loaded) * arm_study.N_POINTS) as done:
         for one in loaded:
-            points += (own := arm_study.measure_arm(one, trials=trials, done=done))
+            points += (own := arm_study.measure_arm(one, done=done))
             save(arm_study.draw_arm(own), folder / f"accuracy-{one.name.replace(' ', '-')}.svg")
     write_table(folder / "accuracy.csv", points)
     console.table(arm_study.TITLES, arm_study.table(points))
@@ -72,13 +71,7 @@ def arm(arms: tuple[str, ...], folder: Path, trials: int) -> None:
 
 @command.command()
 @_out("study-paper")
-@click.option(
-    "--trials",
-    default=400,
-    type=click.IntRange(min=1),
-    help="Random touches of each cell.",
-)
-def paper(folder: Path, trials: int) -> None:
+def paper(folder: Path) -> None:
     """Remake figures 7 to 13 of the paper.
 
     All levels of the estimator are drawn.
@@ -95,5 +88,5 @@ def paper(folder: Path, trials: int) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     console = Console()
     with progress(console, "the paper's figures", N_CELLS) as done:
-        make_all(folder, trials=trials, seed=0, done=done)
+        make_all(folder, done=done)
     console.print(f"figures and tables are in {folder}")
