@@ -16,7 +16,7 @@ from skinbus.skin.cycle import Cycle
 CELL_S = 0.010
 CELL_A = 0.005
 """Size of one character on the surface, m: characters are about twice as high as wide. Where tactels are
-closer, or a link is too wide for the terminal, it is another: every tactel has a character of its own."""
+closer, or a link is too wide for the terminal, it is another: every tactel is one character."""
 FULL_SHADE_PA = 60e3
 """Pressure shown darkest: the peak of a 5 N fingertip on the default layer is about 40 kPa."""
 
@@ -80,7 +80,7 @@ class Unrolled:
 
 
 class _Grid:
-    """Cells of one link, each with the tactel that covers it or -1."""
+    """Cells of one link, each with the tactel whose middle is in it or -1."""
 
     def __init__(self, arm: Arm, link: int, cell: tuple[float, float]) -> None:
         self._cell, self._surface = cell, arm.links[link].surface
@@ -89,18 +89,13 @@ class _Grid:
         tactels = np.flatnonzero(arm.tactel_link == link)
         if not len(tactels):
             return
-        s, a = places = np.stack([arm.tactel_s, arm.tactel_a])[:, tactels]
-        radius = 0.6 * max(p.patch.diameter for p in arm.patches if p.link == link)
-        self._low, high = places.min(1) - radius, places.max(1) + radius
+        places = np.stack([arm.tactel_s, arm.tactel_a])[:, tactels]
+        self._low, high = places.min(1) - 0.5 * np.array(cell), places.max(1) + 0.5 * np.array(cell)
         if half := 0.5 * self._surface.period:
             self._low[1], high[1] = -half, half
-        at_s, at_a = (
-            np.arange(x + 0.5 * d, y + 0.5 * d, d) for x, y, d in zip(self._low, high, cell, strict=True)
-        )
-        along = np.abs(at_s[:, None, None] - s)
-        d = np.maximum(along, np.abs(self._surface.wrap(at_a[None, :, None] - a)))  # a tactel covers a square
-        self.tactel = np.where(d.min(-1) <= radius, tactels[d.argmin(-1)], -1)
-        self.tactel[self.cells(s, a)] = tactels  # one may be nearest to no character
+        shape = np.maximum(np.rint((high - self._low) / cell), 1.0).astype(int)
+        self.tactel = np.full(shape, -1)
+        self.tactel[self.cells(*places)] = tactels
 
     def cells(self, s: npt.ArrayLike, a: npt.ArrayLike) -> tuple[Any, Any]:
         """Return the cells (rows, columns) of points, clipped to the picture."""
