@@ -22,10 +22,13 @@ Non-convergence of the estimator is a status in the contact, not an error.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Self
 
+from skinbus.formatting import counted
 from skinbus.printable import printable, shown_value
 
 MAX_FAULTS = 100
@@ -99,17 +102,22 @@ class FaultList(list[Fault]):
 class ConfigError(SkinbusError, ValueError):
     """A file was refused; ``faults`` holds what is wrong in it, ten of a kind at most."""
 
-    def __init__(self, file: str, faults: Sequence[Fault]) -> None:
+    def __init__(self, file: str | Path, faults: Sequence[Fault]) -> None:
         found = faults if isinstance(faults, FaultList) else FaultList(faults)
-        self.file = file
+        self.file = str(file)
         self.faults = tuple(found)
         self.n_more = found.n_more
         """Faults that are like others and not in ``faults``."""
-        super().__init__(file, found)
+        super().__init__(self.file, found)
+
+    @classmethod
+    def of(cls, file: str | Path, key: str, seen: Any, wanted: str) -> Self:
+        """Return the error of a file with one fault."""
+        return cls(file, [Fault(key, seen, wanted)])
 
     def __str__(self) -> str:
-        n = len(self.faults) + self.n_more
-        lines = [f"{printable(self.file)}: {n} fault{'' if n == 1 else 's'}"]
+        n = counted(len(self.faults) + self.n_more, "fault")
+        lines = [f"{printable(self.file)}: {n}"]
         lines += [f"  {fault}" for fault in self.faults]
         return "\n".join(lines + ([f"  and {self.n_more} more like these"] if self.n_more else []))
 
@@ -156,3 +164,12 @@ class SdoAborted(RemoteProtocolError):
     def __init__(self, node_id: int, index: int, sub: int, code: int) -> None:
         self.node_id, self.index, self.sub, self.code = node_id, index, sub, code
         super().__init__(f"node {node_id}: SDO 0x{index:04X}:{sub:02X} aborted with 0x{code:08X}")
+
+
+@contextmanager
+def extra_wanted(name: str) -> Iterator[None]:
+    """Turn a missing library of an extra into one clear message."""
+    try:
+        yield
+    except ImportError as error:
+        raise SkinbusError(f"this needs {error.name}: pip install 'skinbus[{name}]'") from error

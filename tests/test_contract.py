@@ -37,11 +37,12 @@ FREE = {
     "__main__.py",
     "errors.py",
     "file_bytes.py",
+    "formatting.py",
     "jit",
     "lazy.py",
     "printable.py",
 }  # all parts, or none by their nature
-EVERYONE_MAY = {"arrays", "file_bytes", "errors", "jit", "lazy", "printable"}
+EVERYONE_MAY = {"arrays", "file_bytes", "errors", "formatting", "jit", "lazy", "printable"}
 
 
 def imported_parts(path):

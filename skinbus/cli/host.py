@@ -14,9 +14,9 @@ from skinbus.bus.loop import LoopReport
 from skinbus.can.core import Core, Step
 from skinbus.can.frame import Frame
 from skinbus.cli.console import Console
-from skinbus.cli.event_log import EventLog
 from skinbus.cli.stop_signals import Ending
 from skinbus.skin.addresses import BusAddress
+from skinbus.view.event_log import EventLog
 
 POLL_S = 0.2
 """How often a waiting command looks whether its core still runs."""

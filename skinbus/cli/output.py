@@ -12,7 +12,6 @@ from pathlib import Path
 
 import click
 
-from skinbus.errors import SkinbusError
 from skinbus.printable import layout
 
 BROKEN_PIPE = 141
@@ -128,15 +127,6 @@ def whole_file(path: Path) -> Iterator[Path]:
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
-
-
-@contextmanager
-def extra_wanted(name: str) -> Iterator[None]:
-    """Turn a missing library of an extra into one clear message."""
-    try:
-        yield
-    except ImportError as error:
-        raise SkinbusError(f"this needs {error.name}: pip install 'skinbus[{name}]'") from error
 
 
 def _of_kind(what: str, *kinds: str) -> Callable[..., Path | None]:

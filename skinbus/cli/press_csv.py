@@ -78,7 +78,7 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
     if not (touching or faults):
         faults.add("file", None, "presses")
     if faults:
-        raise ConfigError(str(path), faults)
+        raise ConfigError(path, faults)
     for press in touching:
         if zeros := [own.readings for own in presses if own.patch == press.patch and own.force == 0.0]:
             press.readings[:] -= np.nan_to_num(mean_and_noise(np.array(zeros))[0])
@@ -105,7 +105,7 @@ def read_columns(
     elif not faults and not (np.diff(columns.get("t_s", [])) > 0.0).all():
         faults.add("t_s", "times that do not grow", "each later than the one before")
     if faults:
-        raise ConfigError(str(path), faults)
+        raise ConfigError(path, faults)
     return columns
 
 
@@ -135,7 +135,7 @@ def _read(
     try:
         names = [name.strip() for name in next(filter(None, reader), [])]
         if misspelt := header_faults(names, choices, optional):
-            raise ConfigError(str(path), misspelt)
+            raise ConfigError(path, misspelt)
         needed = {*next(choice for choice in choices if set(choice) <= set(names))} - {"p1"}
         for row in filter(None, reader):
             line, cells = reader.line_num, dict(zip(names, map(str.strip, row), strict=False))
@@ -153,8 +153,7 @@ def _read(
                 rows.append(Row(line, numbers, cells.get("bus", "")))
             faults += wrong
     except csv.Error as error:
-        fault = Fault(f"line {reader.line_num}", None, f"a line of a table: {error}")
-        raise ConfigError(str(path), [fault]) from None
+        raise ConfigError.of(path, f"line {reader.line_num}", None, f"a line of a table: {error}") from None
     return names, rows, faults
 
 

@@ -11,15 +11,16 @@ import numpy.typing as npt
 
 from skinbus.can.event import Event
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted, nodes_by_bus
 from skinbus.cli.host import compiling
 from skinbus.cli.output import echo
 from skinbus.estimate import Quality
+from skinbus.formatting import counted
 from skinbus.master import CycleReport
 from skinbus.model import Arm
 from skinbus.skin.contact import Contact
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.replayed import Replayed
+from skinbus.view.event_log import nodes_by_bus
 
 READING = np.dtype(
     [

@@ -11,9 +11,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from skinbus.cli.formatting import counted
 from skinbus.config.state_file import StateFile
 from skinbus.errors import ConfigError, Fault
+from skinbus.formatting import counted
 from skinbus.master.cycle import CycleReport
 from skinbus.master.health import Health, Records, read_health
 from skinbus.master.memory import Memory
@@ -124,4 +124,4 @@ def load_health(arm: Arm, state: Path) -> list[Records | None]:
     every = round(WRITE_HEALTH_EVERY_S / 60.0)
     wanted = f"a file: `skinbus run --state {state}` writes it every {every} minutes, and when it ends"
     faults = [Fault("file", fault, "a whole one") for fault in file.faults]
-    raise ConfigError(str(file.path), faults or [Fault("file", None, wanted)])
+    raise ConfigError(file.path, faults or [Fault("file", None, wanted)])

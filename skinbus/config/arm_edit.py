@@ -18,7 +18,7 @@ from skinbus.config.arm_file import check_tables
 from skinbus.config.arm_tables import RingTable
 from skinbus.config.system import make_arm
 from skinbus.config.toml_file import MAX_BYTES
-from skinbus.errors import ConfigError, Fault
+from skinbus.errors import ConfigError
 from skinbus.file_bytes import read_bytes, write_whole
 
 Change = Mapping[str, Any]
@@ -63,7 +63,7 @@ def edit_arm(path: Path, text: str, changes: Mapping[str, Change]) -> str:
         keys = ", ".join(list(changes)[:3])
         seen_there = f"{keys}, written in a way that cannot be edited"
         how = "[[patch]] and [[ring]] on lines of their own"
-        raise ConfigError(str(path), [Fault("file", seen_there, how)])
+        raise ConfigError.of(path, "file", seen_there, how)
     return edited
 
 

@@ -54,7 +54,7 @@ def lay_links(
             which = mesh_file, 1e-3 * table.unit_mm
             mesh = read[which] if which in read else read.setdefault(which, load_mesh(*which))
             if not own:
-                raise ConfigError(str(mesh_file), [Fault("boards", 0, "at least one on a mesh")])
+                raise ConfigError.of(mesh_file, "boards", 0, "at least one on a mesh")
             surface, rows = lay(mesh, boards, str(mesh_file), cache_home() / "charts")
         except ConfigError as error:
             faults += [_at(key, mesh_file, fault) for fault in error.faults]

@@ -69,7 +69,7 @@ def make_arm(file: ArmFile, *, check_load: bool = True) -> Arm:
             _check_load(arm, ods, faults)
         if not faults:
             return arm
-    raise ConfigError(str(file.path), faults)
+    raise ConfigError(file.path, faults)
 
 
 def ods_of(arm: Arm) -> list[ObjectDictionary]:

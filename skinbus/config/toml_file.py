@@ -75,15 +75,14 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         text = read_bytes(path, MAX_BYTES).decode("utf-8").replace("\r\n", "\n")
         if faults := list(_beyond(text)):
-            raise ConfigError(str(path), faults)
+            raise ConfigError(path, faults)
         return tomllib.loads(text)
     except UnicodeDecodeError as error:
-        fault = Fault(f"byte {error.start}", None, "a TOML file: text in UTF-8")
-        raise ConfigError(str(path), [fault]) from None
+        raise ConfigError.of(path, f"byte {error.start}", None, "a TOML file: text in UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         message, _, place = str(error).partition(" (at ")
         where = place.rstrip(")") or "file"
-        raise ConfigError(str(path), [Fault(where, None, f"TOML: {message}")]) from None
+        raise ConfigError.of(path, where, None, f"TOML: {message}") from None
 
 
 def _beyond(text: str) -> Iterator[Fault]:

@@ -24,7 +24,7 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from skinbus.arrays import Floats, Ints
-from skinbus.errors import ConfigError, Fault
+from skinbus.errors import ConfigError
 from skinbus.robot.mesh import Mesh, length_of, rims_of, sides_of
 
 Complex = npt.NDArray[np.complex128]
@@ -84,7 +84,7 @@ def flatten(mesh: Mesh, skin: Floats, *, name: str = "mesh") -> Flattening:
     euler = len(corners) - len(shared) - len(single) + len(whole)
     if not rims or euler != 2 - len(rims[:keep]):
         what = "a closed surface" if not rims else f"{len(rims)} rims, Euler characteristic {euler}"
-        raise ConfigError(name, [Fault("skin", what, "boards on a part that is a disc or a ring")])
+        raise ConfigError.of(name, "skin", what, "boards on a part that is a disc or a ring")
     u = _scale_factors(corners, whole, rims[:keep], name)
     placed, closes = _unroll(whole, _lengths(corners, whole, u))
     z = np.empty(len(corners), np.complex128)
@@ -162,7 +162,7 @@ def _scale_factors(points: Floats, triangles: Ints, rims: list[Ints], name: str)
             break
         u = u + step / max(1.0, 2.0 * float(np.abs(step).max(initial=0.0)))
     wanted = "a mesh without holes and creases there, or fewer boards on it"
-    raise ConfigError(name, [Fault("skin", "a part that cannot be flattened", wanted)])
+    raise ConfigError.of(name, "skin", "a part that cannot be flattened", wanted)
 
 
 def _unroll(triangles: Ints, sides: Floats) -> tuple[Complex, complex]:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from skinbus.arrays import Floats, Ints
-from skinbus.errors import ConfigError, Fault, FaultList, SkinbusError
+from skinbus.errors import ConfigError, Fault, FaultList, extra_wanted
 from skinbus.file_bytes import read_bytes
 
 MOST_TRIANGLES = 300_000
@@ -66,7 +66,7 @@ def load_mesh(path: str | Path, unit: float = 1e-3) -> Mesh:
     trimesh = _trimesh()
     kind = Path(path).suffix.lower()
     if kind not in FORMATS:
-        raise ConfigError(str(path), [Fault("mesh", kind, f"a file {', '.join(FORMATS)}")])
+        raise ConfigError.of(path, "mesh", kind, f"a file {', '.join(FORMATS)}")
     content = BytesIO(read_bytes(Path(path), MOST_BYTES))
     try:
         read = trimesh.load(content, file_type=kind[1:], process=False, force="mesh")
@@ -74,7 +74,7 @@ def load_mesh(path: str | Path, unit: float = 1e-3) -> Mesh:
         triangles = np.asarray(read.faces, np.int64).reshape(-1, 3)
     except Exception as error:  # noqa: BLE001 - a reader of files may raise anything
         wanted = f"a mesh of triangles ({type(error).__name__}: {error})"
-        raise ConfigError(str(path), [Fault("mesh", None, wanted)]) from None
+        raise ConfigError.of(path, "mesh", None, wanted) from None
     return mend(points, triangles, str(path))
 
 
@@ -87,12 +87,12 @@ def mend(points: npt.ArrayLike, triangles: npt.ArrayLike, file: str = "mesh") ->
     """
     p, t = np.asarray(points, np.float64), np.asarray(triangles, np.int64)
     if not len(t) or p.ndim != 2 or t.min(initial=0) < 0 or t.max(initial=0) >= len(p):
-        raise ConfigError(file, [Fault("triangles", len(t), "at least one, of points that there are")])
+        raise ConfigError.of(file, "triangles", len(t), "at least one, of points that there are")
     if len(t) > MOST_TRIANGLES:
         wanted = f"at most {MOST_TRIANGLES}: simplify it, edges of 3 mm are enough"
-        raise ConfigError(file, [Fault("triangles", len(t), wanted)])
+        raise ConfigError.of(file, "triangles", len(t), wanted)
     if not np.isfinite(p[t]).all():
-        raise ConfigError(file, [Fault("points", "NaN or infinite", "numbers")])
+        raise ConfigError.of(file, "points", "NaN or infinite", "numbers")
     faults = FaultList()
 
     size = float(np.ptp(p[t.ravel()], axis=0).max())
@@ -202,8 +202,6 @@ def length_of(points: Floats, rim: Ints) -> float:
 
 
 def _trimesh() -> Any:
-    try:
+    with extra_wanted("mesh"):
         import trimesh
-    except ImportError as error:
-        raise SkinbusError("a mesh needs trimesh: pip install 'skinbus[mesh]'") from error
     return trimesh

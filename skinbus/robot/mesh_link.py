@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.arrays import Bools, Floats
-from skinbus.errors import ConfigError, Fault, FaultList, SkinbusError
+from skinbus.errors import ConfigError, FaultList, extra_wanted
 from skinbus.model.bend import EXPONENTS, MOST, POWERS
 from skinbus.model.mesh_surface import MeshSurface
 from skinbus.robot.flattening import Complex, Flattening, flatten
@@ -87,10 +87,8 @@ class Geodesics:
     """
 
     def __init__(self, mesh: Mesh) -> None:
-        try:
+        with extra_wanted("mesh"):
             from potpourri3d import GeodesicTracer
-        except ImportError as error:
-            raise SkinbusError("a mesh needs potpourri3d: pip install 'skinbus[mesh]'") from error
         self.mesh = mesh
         self._tracer = GeodesicTracer(mesh.points, mesh.triangles)
 
@@ -200,7 +198,7 @@ def _compute(mesh: Mesh, boards: Sequence[Laid], name: str) -> Arrays:
         wanted = (
             f"{SCALES[0]:.2f} to {SCALES[1]:.2f}: fewer boards, the others on another [[link]] of this mesh"
         )
-        raise ConfigError(name, [Fault("scale of the chart", seen, wanted)])
+        raise ConfigError.of(name, "scale of the chart", seen, wanted)
     middles = []
     for board, rows in zip(boards, tactels, strict=True):  # as the board lies best on its tactels
         z, own = rows[:, 0] + 1j * rows[:, 1], board.uv[:, 0] + 1j * board.uv[:, 1]

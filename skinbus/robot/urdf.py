@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from skinbus.arrays import Floats
-from skinbus.errors import ConfigError, Fault, FaultList, SkinbusError
+from skinbus.errors import ConfigError, Fault, FaultList, extra_wanted
 from skinbus.file_bytes import read_bytes
 
 MOST_BYTES = 20_000_000
@@ -55,21 +55,16 @@ def read_urdf(path: str | Path) -> tuple[str, list[Joint]]:
         ConfigError: it cannot be read, or has faults: all of them.
         SkinbusError: lxml is not installed.
     """
-    try:
+    with extra_wanted("robot"):  # yourdfpy brings it
         import lxml.etree as xml
-    except ImportError as error:
-        raise SkinbusError(
-            "a robot needs lxml, which yourdfpy brings: pip install 'skinbus[robot]'"
-        ) from error
     try:
         root = xml.fromstring(
             read_bytes(Path(path), MOST_BYTES), xml.XMLParser(remove_comments=True, resolve_entities=False)
         )
     except xml.XMLSyntaxError as error:
-        fault = Fault(f"line {error.lineno}", None, f"XML: {error.msg}")
-        raise ConfigError(str(path), [fault]) from None
+        raise ConfigError.of(path, f"line {error.lineno}", None, f"XML: {error.msg}") from None
     if faults := FaultList(_faults(root)):
-        raise ConfigError(str(path), faults)
+        raise ConfigError(path, faults)
     from_link: defaultdict[str, list[Joint]] = defaultdict(list)
     for element in root.findall("joint"):
         joint = _joint(element)
@@ -80,7 +75,7 @@ def read_urdf(path: str | Path) -> tuple[str, list[Joint]]:
     for joint in ordered:  # grows while it is walked
         ordered += from_link[joint.child]
     if loop := carried - {joint.child for joint in ordered}:
-        raise ConfigError(str(path), [Fault(_at(root), max(loop), "links without a loop of joints")])
+        raise ConfigError.of(path, _at(root), max(loop), "links without a loop of joints")
     return base, ordered
 
 

@@ -14,8 +14,9 @@ from skinbus.can.candump import CandumpReader
 from skinbus.can.event import Event
 from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm
-from skinbus.errors import AddressError, ConfigError, Fault
+from skinbus.errors import AddressError, ConfigError
 from skinbus.estimate import DEFAULT_LEVEL
+from skinbus.formatting import counted
 from skinbus.master import CycleReport
 from skinbus.master.replay import Replay, find_sync
 from skinbus.model import Arm
@@ -74,7 +75,7 @@ def replay(
         yield from source
         if not source.replay.taken.n_readings:
             wanted = f"readings of {source.arm.name}: it has none"
-            raise ConfigError(source.reader.name, [Fault("log", None, wanted)])
+            raise ConfigError.of(source.reader.name, "log", None, wanted)
 
     return played(f"recording {log}", cycles(), source.maker, source.replay.master, realtime=realtime)
 
@@ -147,13 +148,13 @@ def _check_times(name: str, head: Sequence[tuple[Frame, str]]) -> None:
     n_back = int((np.diff([frame.t_ns for frame, _ in head]) < 0).sum())
     if n_back > MOST_BACK * len(head):
         seen = f"{n_back} of {len(head)} go back"
-        raise ConfigError(name, [Fault("times", seen, "times of frames, as of candump -l")])
+        raise ConfigError.of(name, "times", seen, "times of frames, as of candump -l")
 
 
 def _buses_of(arm: Arm, channels: Sequence[str], seen: Mapping[str, int], log: str) -> dict[str, int]:
     """Return the bus of the arm that each interface in the log is; ``seen`` are those there by name."""
     said = channels_by_name(arm.buses, channels)
-    there = ", ".join(f"{name} ({n} frame{'s' * (n > 1)})" for name, n in sorted(seen.items()))
+    there = ", ".join(f"{name} ({counted(n, 'frame')})" for name, n in sorted(seen.items()))
     names: list[str] = []
     faults: list[str] = []
     for settings, name in zip(arm.buses, said, strict=True):

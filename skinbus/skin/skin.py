@@ -16,6 +16,7 @@ import numpy as np
 from skinbus.arrays import Floats
 from skinbus.errors import ArgumentError
 from skinbus.estimate import TrackState
+from skinbus.formatting import counted
 from skinbus.skin.cycle import Contact, Cycle, Patch, PatchState
 from skinbus.skin.feed import Feed, Positions
 
@@ -65,8 +66,7 @@ class Skin:
 
     def __repr__(self) -> str:
         layout, state = self._feed.layout, "" if self.is_running else ", ended"
-        n = len(layout.node_id)
-        patches = f"{n} patch{'' if n == 1 else 'es'}"
+        patches = counted(len(layout.node_id), "patch")
         number = self._feed.peek().number
         return f"<Skin {layout.name!r}: {patches}, {self._feed.what}, cycle {number}{state}>"
 

@@ -15,7 +15,6 @@ from skinbus.can.event import Event, EventKind
 from skinbus.cli import output
 from skinbus.cli.commands import assign, configure, scan
 from skinbus.cli.console import Console
-from skinbus.cli.event_log import EventLog
 from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError, Fault
 from skinbus.master.commissioning.node_id_assignment import Address, Assigned, Assignment
@@ -23,6 +22,7 @@ from skinbus.master.commissioning.scan import Found, Match
 from skinbus.master.patches.provisioning import Provision, Provisioned
 from skinbus.model import Arm, Link
 from skinbus.objects.contacts import ContactState
+from skinbus.view.event_log import EventLog
 from skinbus.view.screen import Screen
 from skinbus.view.table import contact_table
 from tests.cli.invoke import run

@@ -36,7 +36,7 @@ def test_places(buses, interface, channels, bitrate, places):
 
 def test_a_bus_of_can_fd_is_opened_as_one():
     (place,) = find_places((BusSettings(data_bitrate=5_000_000),), None, (), None)
-    assert place == ("socketcan", "can0", 1_000_000, 5_000_000)
+    assert place[:4] == ("socketcan", "can0", 1_000_000, 5_000_000)
 
 
 @pytest.mark.parametrize(

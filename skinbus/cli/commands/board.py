@@ -15,16 +15,16 @@ from skinbus.arrays import Floats
 from skinbus.cli import output
 from skinbus.cli.commands.scan import NO_NODE
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted
 from skinbus.cli.host import run_to_end
 from skinbus.cli.options import POSITIVE, Where, bus_options, file_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_columns
 from skinbus.cli.progress import progress
 from skinbus.config.system import load_arm, ods_of
-from skinbus.errors import ConfigError, EdsError, Fault
+from skinbus.errors import ConfigError, EdsError
 from skinbus.file_bytes import read_bytes
 from skinbus.firmware import write_project, write_relay
+from skinbus.formatting import counted
 from skinbus.gateway.positions import lay_flat
 from skinbus.master.commissioning.patch_check import (
     N_SYNCS,
@@ -237,7 +237,7 @@ def lint_eds(eds: str) -> None:
     sent = {entry.sub for pdo in carrying for entry in readings_in(pdo)}
     if silent := {*range(1, patch.n_tactels + 1)} - sent:
         seen = f"{counted(len(silent), 'reading')} in none: {sorted(silent)[:4]}"
-        raise EdsError(eds, [Fault("TPDOs", seen, "all readings in enabled TPDOs")])
+        raise EdsError.of(eds, "TPDOs", seen, "all readings in enabled TPDOs")
     width, height = (1e3 * side for side in patch.size)
     echo(
         f"{eds}: no fault; {counted(patch.n_tactels, 'tactel')} on {width:g} x {height:g} mm, "

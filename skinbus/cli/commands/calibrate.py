@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from skinbus.cli import output
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted, span
 from skinbus.cli.options import INPUT, file_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_presses
@@ -23,6 +22,7 @@ from skinbus.config.system import load_arm
 from skinbus.estimate.calibration import Calibration, Judgement, judge
 from skinbus.estimate.calibration.gate import GOOD, MAX_ERROR_M, SAME
 from skinbus.estimate.calibration.table import kind_of, tables_of
+from skinbus.formatting import counted, span
 from skinbus.model import Arm, PlacedPatch
 from skinbus.objects.board import calibration_values, describe_patch
 from skinbus.objects.dcf import write_dcf

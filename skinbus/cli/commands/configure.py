@@ -12,10 +12,10 @@ import click
 from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError, ODVariable
 
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted, nodes, span
 from skinbus.cli.host import run_to_end
 from skinbus.cli.options import Where, arm_bus_options
 from skinbus.config.system import load_arm, ods_of
+from skinbus.formatting import counted, nodes, span
 from skinbus.master.commissioning.sessions import timeouts_of
 from skinbus.master.patches.provisioning import Configurer, Provision, Provisioned, expected_nodes
 from skinbus.model import Arm

@@ -10,7 +10,7 @@ import click
 from skinbus.cli import output
 from skinbus.cli.console import WIDE, Console
 from skinbus.cli.options import Range, file_option
-from skinbus.cli.output import extra_wanted
+from skinbus.errors import extra_wanted
 
 if TYPE_CHECKING:
     from skinbus.planning.coverage import Coverage

@@ -6,11 +6,11 @@ import click
 import numpy as np
 
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted
 from skinbus.cli.host import compiling
 from skinbus.cli.options import level_option
 from skinbus.cli.stop_signals import Ending
 from skinbus.estimate import TrackState
+from skinbus.formatting import counted
 from skinbus.sim import load_scene
 from skinbus.skin.contact import Level
 from skinbus.skin.cycle import Cycle

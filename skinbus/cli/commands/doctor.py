@@ -18,12 +18,12 @@ import numpy as np
 
 from skinbus.bus.monotonic_clock import sharpen_timers
 from skinbus.bus.socketcan_batch import CANFD_MTU
-from skinbus.cli.formatting import counted
 from skinbus.cli.options import Where, bus_options
 from skinbus.cli.output import echo
 from skinbus.config.arm_file import find_arm
 from skinbus.config.system import load_arm
 from skinbus.errors import BusError
+from skinbus.formatting import counted
 from skinbus.model import BusSettings
 from skinbus.robot.chain import check_robot
 from skinbus.skin.addresses import BusAddress

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import click
 
 from skinbus.cli.options import channels_option, file_option, level_option, zero_option
-from skinbus.cli.output import echo, extra_wanted, try_to_write, whole_file
+from skinbus.cli.output import echo, try_to_write, whole_file
 from skinbus.config.system import load_arm
+from skinbus.errors import extra_wanted
 from skinbus.file_bytes import write_whole
 
 if TYPE_CHECKING:

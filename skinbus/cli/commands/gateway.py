@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import click
 
-from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
 from skinbus.cli.options import Where, seconds_option
 from skinbus.cli.output import echo
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import AddressError
+from skinbus.formatting import counted
 from skinbus.gateway.frame_format import format_names, load_format
 from skinbus.gateway.gateway import Gateway
 from skinbus.skin.addresses import shown

@@ -16,13 +16,13 @@ import click
 
 from skinbus.bus.realtime import take_priority
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted
 from skinbus.cli.host import QUICK_S, Host
 from skinbus.cli.notify import Notifier
 from skinbus.cli.options import Where, bus_options, function_named, seconds_option
 from skinbus.cli.output import echo
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import ShareError
+from skinbus.formatting import counted
 from skinbus.guard.stops import NodeWrite, OutsideStop, parse_stop
 from skinbus.guard.watch import ENDED, Guard, Phase, RegionForces, region_forces
 from skinbus.model import Arm

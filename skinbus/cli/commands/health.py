@@ -11,10 +11,10 @@ import click
 import numpy as np
 
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import span
 from skinbus.cli.options import file_option
 from skinbus.cli.state_keeper import load_health
 from skinbus.config.system import load_arm
+from skinbus.formatting import span
 from skinbus.master.health import SAMPLE_NS, SETTLED, Records, findings
 from skinbus.model import Arm
 

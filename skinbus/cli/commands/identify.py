@@ -17,12 +17,12 @@ from skinbus.arrays import Floats
 from skinbus.cli.arm_target import arm_target
 from skinbus.cli.commands.scan import NO_NODE
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted
 from skinbus.cli.host import QUICK_S, Host, compiling, run_to_end
 from skinbus.cli.options import Where, arm_bus_options, file_option
 from skinbus.config.arm_edit import write_arm
 from skinbus.config.arm_file import find_arm
 from skinbus.config.system import load_arm
+from skinbus.formatting import counted
 from skinbus.master.commissioning.identification import Identification
 from skinbus.master.commissioning.scan import Scanner
 from skinbus.master.commissioning.unplaced_boards import (

@@ -13,7 +13,6 @@ import numpy as np
 
 from skinbus.cli.arm_target import arm_target
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted, span
 from skinbus.cli.options import INPUT, file_option
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_edit import write_arm
@@ -21,6 +20,7 @@ from skinbus.config.arm_file import find_arm
 from skinbus.config.system import load_arm
 from skinbus.estimate.calibration.location import OUTLIER, Located, locate
 from skinbus.estimate.calibration.table import Press
+from skinbus.formatting import counted, span
 from skinbus.model import Arm
 
 TITLES = ("node", "along s", "across", "yaw", "presses")

@@ -10,10 +10,10 @@ import click
 
 from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.can.fd import CLASSIC_BYTES
-from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
 from skinbus.cli.options import Range, Where, bus_options, function_named, seconds_option
 from skinbus.cli.output import echo
+from skinbus.formatting import counted
 from skinbus.gateway.reader import Reader
 from skinbus.node import Device, PatchHost
 from skinbus.objects.board import describe_patch

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, get_args
 import click
 
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted
 from skinbus.cli.host import compiling
 from skinbus.cli.options import LEVELS, Range, level_option
 from skinbus.config.arm_tables import Bitrate
+from skinbus.formatting import counted
 
 if TYPE_CHECKING:
     from skinbus.model import Arm

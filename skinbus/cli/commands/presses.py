@@ -13,14 +13,14 @@ import numpy as np
 import skinbus
 from skinbus.arrays import Floats
 from skinbus.cli import output
-from skinbus.cli.formatting import counted
 from skinbus.cli.options import INPUT, POSITIVE, channels_option, file_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_columns, write_presses
 from skinbus.config.system import load_arm, ods_of
-from skinbus.errors import ConfigError, Fault
+from skinbus.errors import ConfigError
 from skinbus.estimate.calibration.recording import find_holds, find_offset, load_of, pose_signal
 from skinbus.estimate.calibration.table import Press, mean_and_noise
+from skinbus.formatting import counted
 from skinbus.model import Arm
 from skinbus.objects.readings import ReadingsPlan
 
@@ -126,7 +126,7 @@ def _poses(arm: Arm, link: int, path: Path) -> dict[str, Floats]:
         path, [("t_s", "s_mm", "a_mm"), ("t_s", "x_mm", "y_mm", "z_mm")], ["height_mm", "force_n"]
     )
     if not np.isfinite(columns.get("force_n", 0.0)).all():
-        raise ConfigError(str(path), [Fault("force_n", "no number in some lines", "numbers")])
+        raise ConfigError.of(path, "force_n", "no number in some lines", "numbers")
     metres = {name.removesuffix("_mm"): 1e-3 * column for name, column in columns.items() if "_mm" in name}
     if "s" not in metres:
         points = np.stack([metres[name] for name in "xyz"], -1)
@@ -139,7 +139,7 @@ def _cycles(log: Path, arm: Arm, channels: tuple[str, ...]) -> tuple[Floats, Flo
     with skinbus.replay(log, arm, channel=channels, level="kmeans", zero=True) as skin:
         cycles = [(1e-9 * c.t_ns, np.where(c.readings.valid, c.readings.pressures, np.nan)) for c in skin]
     if len(cycles) < FEWEST:
-        raise ConfigError(str(log), [Fault("file", counted(len(cycles), "cycle"), "a recording of presses")])
+        raise ConfigError.of(log, "file", counted(len(cycles), "cycle"), "a recording of presses")
     t, pressures = map(np.array, zip(*cycles, strict=True))
     if not ReadingsPlan(arm, ods_of(arm)).on_change.any():
         return t, pressures

@@ -15,11 +15,11 @@ from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.bus.recorder import Recorder
 from skinbus.can.candump import CandumpWriter
 from skinbus.cli import output
-from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
 from skinbus.cli.options import DEFAULT_BITRATE, Where, bus_options, seconds_option
 from skinbus.cli.output import echo
 from skinbus.config.system import load_arm
+from skinbus.formatting import counted
 from skinbus.model import BusSettings
 from skinbus.skin.addresses import shown, to_listen
 

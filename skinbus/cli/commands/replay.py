@@ -13,14 +13,14 @@ import click
 
 from skinbus.cli import output
 from skinbus.cli.console import Console
-from skinbus.cli.event_log import EventLog
-from skinbus.cli.formatting import counted
 from skinbus.cli.options import channels_option, file_option, level_option, zero_option
 from skinbus.cli.output import echo
 from skinbus.cli.recorded import CONTACT_COLUMNS, Recorded, values_of
 from skinbus.config.system import load_arm
 from skinbus.estimate import TrackState
+from skinbus.formatting import counted
 from skinbus.skin.contact import Contact
+from skinbus.view.event_log import EventLog
 
 TITLES = ("contact", "link", "from s", "to s", "s mm", "a mm", "force N", "cycles")
 

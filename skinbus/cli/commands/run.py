@@ -12,7 +12,6 @@ import click
 
 from skinbus.cli import output
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted, nodes_by_bus
 from skinbus.cli.host import Host, compiling
 from skinbus.cli.notify import Notifier
 from skinbus.cli.options import (
@@ -27,6 +26,7 @@ from skinbus.cli.options import (
 from skinbus.cli.output import echo
 from skinbus.cli.state_keeper import Keeper, keep_health, keep_state
 from skinbus.config.system import load_arm
+from skinbus.formatting import counted
 from skinbus.master import CycleReport, Master
 from skinbus.master.health import Health
 from skinbus.master.memory import Memory
@@ -39,6 +39,7 @@ from skinbus.skin.cycle import Cycle
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.opened import make_master
 from skinbus.skin.shared_memory import SharedWriter
+from skinbus.view.event_log import nodes_by_bus
 from skinbus.view.screen import REFRESH_S, live_screen
 
 RECENT_NS = 1_000_000_000

@@ -9,9 +9,9 @@ from pathlib import Path
 import click
 
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted
 from skinbus.cli.host import run_to_end
 from skinbus.cli.options import Where, bus_options
+from skinbus.formatting import counted
 from skinbus.master.commissioning.scan import Candidate, Found, Match, Scanner, match
 from skinbus.master.patches.provisioning import Identity
 from skinbus.objects import cia

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import click
 
-from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
 from skinbus.cli.options import Where, arm_bus_options, seconds_option
 from skinbus.cli.output import echo
 from skinbus.config.system import ods_of
+from skinbus.formatting import counted
 from skinbus.sim import World, load_scene
 from skinbus.skin.addresses import bus_numbers, shown
 

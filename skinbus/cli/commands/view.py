@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 import click
 
 from skinbus.cli.options import Where, bus_options, level_option, seconds_option
-from skinbus.cli.output import echo, extra_wanted
+from skinbus.cli.output import echo
 from skinbus.cli.stop_signals import Ending
+from skinbus.errors import extra_wanted
 
 if TYPE_CHECKING:
     from skinbus.model import Arm

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from itertools import groupby
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from skinbus.arrays import Bools
-    from skinbus.model import Arm
 
 
 def counted(n: int, thing: str) -> str:
@@ -31,11 +26,3 @@ def nodes(node_ids: Iterable[int]) -> str:
     """Return node-IDs with what they are: node 3, nodes 1-4, 7."""
     known = set(node_ids)
     return f"node{'' if len(known) == 1 else 's'} {span(known)}"
-
-
-def nodes_by_bus(arm: Arm, chosen: Bools) -> Iterator[str]:
-    """Return for each bus the nodes of the patches that are chosen, with its name where there are several."""
-    for bus, settings in enumerate(arm.buses):
-        here = arm.patches_on(bus)
-        if node_ids := arm.node_id[here][chosen[here]].tolist():
-            yield (f"{settings.name} " if len(arm.buses) > 1 else "") + nodes(node_ids)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from skinbus.arrays import Bools
 from skinbus.can.event import Event, EventKind
-from skinbus.cli.formatting import counted, nodes
+from skinbus.formatting import counted, nodes
+from skinbus.model import Arm
 from skinbus.printable import printable
 
 NOT_FOR_PEOPLE = {EventKind.STOP, EventKind.DROPPED, EventKind.NMT_STATE, EventKind.PATCH_STARTED}
@@ -29,6 +31,14 @@ def wall_stamp(t: float) -> str:
     """Return a time of the monotonic clock as date and time of day, by the wall clock as it stands now."""
     t += time.time() - time.monotonic()
     return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(t)) + f".{int(10 * t) % 10}"
+
+
+def nodes_by_bus(arm: Arm, chosen: Bools) -> Iterator[str]:
+    """Return for each bus the nodes of the patches that are chosen, with its name where there are several."""
+    for bus, settings in enumerate(arm.buses):
+        here = arm.patches_on(bus)
+        if node_ids := arm.node_id[here][chosen[here]].tolist():
+            yield (f"{settings.name} " if len(arm.buses) > 1 else "") + nodes(node_ids)
 
 
 @dataclass(slots=True)

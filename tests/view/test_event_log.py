@@ -3,7 +3,7 @@
 import re
 
 from skinbus.can.event import Event
-from skinbus.cli.event_log import BURST, MOMENT_S, EventLog
+from skinbus.view.event_log import BURST, MOMENT_S, EventLog
 
 
 class Log:
