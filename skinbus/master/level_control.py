@@ -37,6 +37,8 @@ WAIT_MOST = 4096
 FORGET = 0.02
 """Share by which the time of publishing, once large, is taken to be smaller in each cycle."""
 
+REMEDY = "a larger budget, a lower rate_hz or a faster processor would help, see skinbus plan"
+
 TPDO_BITS = worst_case_bits(8)
 
 
@@ -172,7 +174,7 @@ class LevelControl:
         self._n_since_raise += 1
         self._n_calm = self._n_calm + 1 if is_calm and not is_strained else 0
         if sum(self._strained) >= LOWER and (self._rank > 0 or not self._is_overloaded):
-            short = f"time ran out in {LOWER} of {WINDOW} cycles; {self._remedy()}"
+            short = f"time ran out in {LOWER} of {WINDOW} cycles; {REMEDY}"
             if self._rank == 0:
                 self._is_overloaded = True
                 return f"too slow for {self.level}: {short}"
@@ -190,12 +192,6 @@ class LevelControl:
             self._n_since_raise = 0
             return f"raised to {self.level}: at most half the time was needed in {self._wait} cycles"
         return ""
-
-    def _remedy(self) -> str:
-        """Return what can be done about a lack of time."""
-        if self._most_us is not None and 1e3 * self._most_us < 0.5 * self._period_ns:
-            return f"the budget is {self._most_us:g} us, a larger one would help"
-        return "a lower rate_hz or a faster processor would help, see skinbus plan"
 
     def _go_to(self, rank: int) -> None:
         self._rank = rank

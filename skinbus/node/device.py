@@ -286,11 +286,8 @@ class Device(Core):
         groups = AREAS if application else (COMMUNICATION,)
         loaded = [self._storage.load(group) for group in groups]
         self._verify.loaded(application=application)
-        self._sdo.reset()
-        self._emcy.reset()
-        self._heartbeat.reset()
-        self._guarding.reset()
-        self._guard.reset()
+        for part in (self._sdo, self._emcy, self._heartbeat, self._guarding, self._guard):
+            part.reset()
         for service in (self._sync, self._tpdo, self._rpdo, self._consumer):
             service.configure()
         self._listen()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from enum import Enum, IntEnum
+from enum import IntEnum
 
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
@@ -20,7 +20,7 @@ N_IDENTITY = 4
 STANDARD_TABLE = 0
 
 
-class Mode(Enum):
+class Mode(IntEnum):
     """States of LSS."""
 
     WAITING = 0
@@ -156,7 +156,7 @@ class LssSlave(Part):
         self.context.send(LSS_SLAVE_ID, (bytes((command,)) + data).ljust(FRAME_LENGTH, b"\0"))
 
     def _switch_global(self, data: bytes) -> None:
-        if data[1] not in (Mode.WAITING.value, Mode.CONFIGURATION.value):
+        if data[1] > Mode.CONFIGURATION:
             return
         self.mode = Mode(data[1])
         self._asked.clear()

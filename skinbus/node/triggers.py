@@ -25,6 +25,7 @@ from skinbus.objects.cia import (
     NmtState,
     Trigger,
 )
+from skinbus.objects.pdo import readings_in
 
 OBJECTS = (
     *(ANALOGUE_TRIGGER, ANALOGUE_INTERRUPT_ENABLE),
@@ -47,8 +48,7 @@ class AnalogueTriggers(Part):
         self._sent = np.zeros(self.n, np.int64)
         self._known = np.zeros(self.n, np.bool_)
         self._channels: dict[int, Bools] = {}
-        for index in OBJECTS:
-            self.dictionary.watchers[index] = lambda sub: self.configure()
+        self.dictionary.watchers |= dict.fromkeys(OBJECTS, lambda sub: self.configure())
 
     def enter(self, state: NmtState) -> None:
         """With OPERATIONAL everything is news again."""
@@ -57,15 +57,13 @@ class AnalogueTriggers(Part):
 
     def configure(self) -> None:
         """Take over triggers, limits and PDOs."""
-        self._channels = {}
-        for pdo in self.tpdos.pdos.values():
-            if pdo.map.valid and not pdo.cyclic:
-                mask = np.zeros(self.n, np.bool_)
-                for slot in pdo.map.entries:
-                    if slot.index == self.index and slot.sub:
-                        mask[slot.sub - 1] = True
-                if mask.any():
-                    self._channels[pdo.number] = mask
+        subs = {
+            pdo.number: [entry.sub for entry in readings_in(pdo.map)]
+            for pdo in self.tpdos.pdos.values()
+            if pdo.map.valid and not pdo.cyclic
+        }
+        inputs = np.arange(1, self.n + 1)
+        self._channels = {number: np.isin(inputs, own) for number, own in subs.items() if own}
         enabled = bool(self.values.number(ANALOGUE_INTERRUPT_ENABLE, 0))
         self.active = enabled and bool(self._channels) and self.context.state is NmtState.OPERATIONAL
         if not self.active:

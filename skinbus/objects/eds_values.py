@@ -40,16 +40,15 @@ class DataType:
         return self.high > 0
 
 
-def _integers() -> dict[int, DataType]:
-    signed = {2: 8, 3: 16, 4: 32, 0x10: 24, 0x12: 40, 0x13: 48, 0x14: 56, 0x15: 64}
-    unsigned = {5: 8, 6: 16, 7: 32, 0x16: 24, 0x18: 40, 0x19: 48, 0x1A: 56, 0x1B: 64}
-    types = {t: DataType(f"INTEGER{n}", n, -(1 << (n - 1)), (1 << (n - 1)) - 1) for t, n in signed.items()}
-    return types | {t: DataType(f"UNSIGNED{n}", n, 0, (1 << n) - 1) for t, n in unsigned.items()}
+_SIGNED = {2: 8, 3: 16, 4: 32, 0x10: 24, 0x12: 40, 0x13: 48, 0x14: 56, 0x15: 64}
+_UNSIGNED = {5: 8, 6: 16, 7: 32, 0x16: 24, 0x18: 40, 0x19: 48, 0x1A: 56, 0x1B: 64}
+"""Bits of the integers."""
 
 
 TYPES: dict[int, DataType] = {
     BOOLEAN: DataType("BOOLEAN", 1, 0, 1),
-    **_integers(),
+    **{t: DataType(f"INTEGER{n}", n, -(1 << (n - 1)), (1 << (n - 1)) - 1) for t, n in _SIGNED.items()},
+    **{t: DataType(f"UNSIGNED{n}", n, 0, (1 << n) - 1) for t, n in _UNSIGNED.items()},
     REAL32: DataType("REAL32", 32),
     REAL64: DataType("REAL64", 64),
     VISIBLE_STRING: DataType("VISIBLE_STRING", 0),

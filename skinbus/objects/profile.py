@@ -72,8 +72,6 @@ class SampleStatus(IntFlag):
 
 # --- Master ----------------------------------------------------------------------------------------
 CYCLES = "Cycle/Cycles"
-LEVEL = "Cycle/Level"
-CUT_SHORT = "Cycle/Cut short"
 FRAMES = "Frames"
 """By fate: accepted, unknown, of wrong length, lost."""
 LOAD = "Load/Force"

@@ -80,8 +80,7 @@ class ReadingsPlan:
     """The compiled mapping of all patches of an arm.
 
     n_frames:      frames of one cycle in which every patch sends everything
-    cob_ids:       identifiers that carry readings, on whatever bus
-    cob_ids_on:    the same by bus
+    cob_ids_on:    identifiers that carry readings, by bus
     expected:      (n_patches,) bit mask of the TPDOs that make a reading complete
     on_sync:       (n_patches,) those of them that answer a SYNC; the others run freely
     free:          (n_frames,) bool, whether a PDO runs freely: it is sent on a change or by a timer
@@ -131,7 +130,6 @@ class ReadingsPlan:
                 raise ValueError(f"COB-ID 0x{address[1]:03X} is used twice")
             self._pdo_of[address] = number
         self.cob_ids_on = tuple(frozenset(cob_id[bus == k].tolist()) for k in range(len(arm.buses)))
-        self.cob_ids = frozenset().union(*self.cob_ids_on)
         steps = [p.patch.transducer.step for p in arm.patches]
         self.counts_scale = np.repeat(np.array(steps, np.float64), np.diff(arm.patch_start))
         self.counts_offset = arm.tactel_offset

@@ -35,7 +35,7 @@ def test_counts_on_the_bus_are_the_pressures_of_the_scene_in_every_cycle(forearm
     for k, frames in enumerate(cycles):
         seen = np.zeros(scene.arm.n_patches, np.int32)
         batch.clear()
-        batch.extend([frame for frame in frames if frame.can_id in plan.cob_ids])
+        batch.extend([frame for frame in frames if frame.can_id in plan.cob_ids_on[0]])
         plan.unpack(batch, counts, seen)
         assert (seen == plan.expected).all()
         wanted = scene.pressures(k / scene.arm.bus.rate_hz)

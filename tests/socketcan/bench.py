@@ -33,7 +33,7 @@ def cost():
         frames = (some * 3)[:n]
         times = [[], []]
         with SocketCanBus(CHANNEL) as sender, SocketCanBus(CHANNEL) as ours:
-            ours.listen(plan.cob_ids, plan.cob_ids)
+            ours.listen(plan.cob_ids_on[0], plan.cob_ids_on[0])
             theirs = can.Bus(CHANNEL, interface="socketcan")
             for _ in range(200):
                 sender.send(frames)

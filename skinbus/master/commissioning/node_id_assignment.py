@@ -51,7 +51,7 @@ class Address(NamedTuple):
 
 def switch_all(mode: Mode) -> Frame:
     """Return the frame that puts all nodes into a mode."""
-    return lss_request(Lss.SWITCH_GLOBAL, bytes([mode.value]))
+    return lss_request(Lss.SWITCH_GLOBAL, bytes([mode]))
 
 
 def same_identity(n: int) -> str:
