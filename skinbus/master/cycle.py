@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -65,8 +64,7 @@ RECOVERING_SD = 3.0
 """A contact is RECOVERING within so many standard deviations of what a cover may still show."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CycleReport:
+class CycleReport(NamedTuple):
     """What one cycle came to, for those who watch."""
 
     t_ns: int

@@ -11,8 +11,7 @@ master does.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -132,8 +131,7 @@ def _records(arm: Arm, p: int, own: dict[str, Any]) -> Records | None:
 # what it says
 
 
-@dataclass(frozen=True, slots=True)
-class HealthFinding:
+class HealthFinding(NamedTuple):
     """One thing to say of a board."""
 
     patch: int

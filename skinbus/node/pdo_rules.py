@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from skinbus.node.context import Context
 from skinbus.node.dictionary import SdoAbort, Watcher
 from skinbus.node.layout import key_of
@@ -58,7 +56,7 @@ class Pdo:
         except SdoAbort:
             self.map = compile_pdo(od, self.direction, self.number, lambda index, sub: 0)
         if not self.map.entries:
-            self.map = replace(self.map, valid=False)
+            self.map = self.map._replace(valid=False)
 
     def _check_communication(self, sub: int, data: bytes) -> None:
         """CiA 301, 7.5.2.35 and 7.5.2.37."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 import struct
-from dataclasses import dataclass
+from typing import NamedTuple
 
 BOOLEAN = 0x01
 INTEGER16 = 0x03
@@ -23,8 +23,7 @@ DOMAIN_TYPE = 0x0F
 REAL64 = 0x11
 
 
-@dataclass(frozen=True, slots=True)
-class DataType:
+class DataType(NamedTuple):
     """A data type: its length on the wire and, for integers, its range."""
 
     name: str
@@ -62,8 +61,7 @@ TYPES: dict[int, DataType] = {
 Number = int | float | str | bytes
 
 
-@dataclass(frozen=True, slots=True)
-class Value:
+class Value(NamedTuple):
     """A value as a file gives it; ``relative`` ones have the node-ID added to them."""
 
     number: Number

@@ -7,9 +7,9 @@ entry is index << 16 | sub-index << 8 | length in bits. Indices below 0x20 are d
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import Enum
 from functools import partial
+from typing import NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary
 
@@ -42,11 +42,10 @@ class Direction(Enum):
         return self.value[1]
 
 
-@dataclass(frozen=True, slots=True)
-class PdoEntry:
+class PdoEntry(NamedTuple):
     """One mapped object: bits ``offset`` to ``offset + bits`` of the PDO."""
 
-    index: int
+    index: int  # type: ignore[assignment]  # hides a method of tuples, which is not used here
     sub: int
     offset: int
     bits: int
@@ -58,8 +57,7 @@ class PdoEntry:
         return self.index <= MAX_DUMMY
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PdoMap:
+class PdoMap(NamedTuple):
     """One PDO, compiled."""
 
     number: int

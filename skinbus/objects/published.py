@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary
 
@@ -15,8 +15,7 @@ SUMMARY, FIRST_CONTACT, LOAD, FIRST_QUALITY = 1, 2, 18, 21
 """Numbers of TPDOs in skin-master.eds."""
 
 
-@dataclass(frozen=True, slots=True)
-class Published:
+class Published(NamedTuple):
     """The TPDOs of a master."""
 
     summary: PdoMap

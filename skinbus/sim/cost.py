@@ -7,7 +7,8 @@ turns, so that what else the machine does falls on all alike; the median of a va
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,8 +18,7 @@ from skinbus.sim.scene import Scene
 from skinbus.sim.world import World
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Cost:
+class Cost(NamedTuple):
     """The cost of a cycle, and of its parts, us; an effect that takes frames away can be below zero."""
 
     whole_us: float

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -80,8 +79,7 @@ class Assigned(StrEnum):
         return self in (Assigned.ASSIGNED, Assigned.SAME)
 
 
-@dataclass(frozen=True, slots=True)
-class Assignment:
+class Assignment(NamedTuple):
     """What came of one node."""
 
     node_id: int

@@ -25,8 +25,7 @@ INITIATE_ANSWERS = (2, 3)
 """Command specifiers of answers that name their object: to the request of an upload and of a download."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Timeouts:
+class Timeouts(NamedTuple):
     """How long an answer is awaited (ns)."""
 
     sdo_ns: int = DEFAULT_TIMEOUT_NS
@@ -34,11 +33,10 @@ class Timeouts:
     """To a store or restore command (0x1010, 0x1011): flash is slow."""
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
+class Request(NamedTuple):
     """An SDO transfer: a download when there is data, else an upload."""
 
-    index: int
+    index: int  # type: ignore[assignment]  # hides a method of tuples, which is not used here
     sub: int
     data: bytes | None = None
 
@@ -57,8 +55,7 @@ class Reply(NamedTuple):
         return self.abort == cia.AbortCode.TIMEOUT
 
 
-@dataclass(frozen=True, slots=True)
-class Listen:
+class Listen(NamedTuple):
     """Frames to send, and all that come for a time, or until one that ``until`` accepts and what follows it.
 
     ``settle_ns``: for so long after that one others are awaited; they look the same, and one that comes late

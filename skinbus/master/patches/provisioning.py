@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from enum import Enum, StrEnum, auto
 from typing import NamedTuple
 
@@ -47,8 +46,7 @@ class Identity(NamedTuple):
     serial: int = 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExpectedNode:
+class ExpectedNode(NamedTuple):
     """What the master expects of a patch; ``heartbeat_ns`` is the period of its heartbeat, 0 for none."""
 
     node_id: int
@@ -156,8 +154,7 @@ class Change(NamedTuple):
     new: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class Provisioned:
+class Provisioned(NamedTuple):
     """What came of one patch, why, and what changed."""
 
     outcome: Provision
@@ -203,7 +200,7 @@ def provision(
         if task is Task.BOOT and done.outcome.is_good:
             if guard is not None:
                 yield from guard
-            return replace(done, error=(yield from _last_error()))
+            return done._replace(error=(yield from _last_error()))
     except _EndedError as ended:
         return ended.result
     return done
@@ -252,7 +249,7 @@ def _provision(plan: ExpectedNode, task: Task, *, is_restored: bool) -> Script[P
         reason = "holds a configuration that is not the arm file's" if is_foreign else ""
         return Provisioned(Provision.WOULD_CHANGE, reason, differing)
     done = yield from _download(asked, differing, task, is_marked=is_marked)
-    return done if done.outcome is Provision.REFUSED else replace(done, is_restored=is_restored)
+    return done if done.outcome is Provision.REFUSED else done._replace(is_restored=is_restored)
 
 
 def _ask(
@@ -386,7 +383,7 @@ def _download(
         if asked.writes or task is Task.CONFIGURE:
             yield from _mark(asked)
     except _EndedError as ended:
-        return replace(ended.result, changes=changes)
+        return ended.result._replace(changes=changes)
     if task is Task.CONFIGURE:
         reply: Reply = yield Request(cia.STORE_PARAMETERS, cia.STORE_ALL, SAVE)
         if reply.abort:
