@@ -63,8 +63,6 @@ class EventKind(StrEnum):
     """Objects were downloaded to it."""
     PATCH_EMCY = "patch-emcy"
     PATCH_EMCY_CLEARED = "patch-emcy-cleared"
-    PDO_LENGTH = "pdo-length"
-    PDO_LENGTH_END = "pdo-length-good"
 
     TACTELS_IMPLAUSIBLE = "tactels-implausible"
     """Other tactels of a patch than before are not plausible: ``count`` of them, ``detail`` names them."""

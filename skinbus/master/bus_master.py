@@ -132,7 +132,7 @@ class BusMaster:
             self.alarms.all_came(now_ns)
         if self.has_other_master:
             owing = owing & (fresh | ~gather.has_sent[self.patches])
-        self.events += self.supervisor.readings(now_ns, owing, fresh, gather.bad_length[self.patches])
+        self.events += self.supervisor.readings(now_ns, owing, fresh)
         doubled, late = gather.freshness.is_doubled[self.patches], gather.freshness.is_late[self.patches]
         if (doubled | late).any() and not self.has_other_master:
             until_ns = now_ns + round(1000 * LATE_PERIODS * self._period_us)

@@ -56,8 +56,6 @@ class Gather:
         n_patches = len(plan.expected)
         self.seen = np.zeros(n_patches, np.int32)
         """Bit k: the patch's TPDO k of this cycle has come, in time or late."""
-        self.bad_length = np.zeros(n_patches, np.int32)
-        """(n_patches,) PDOs of wrong length since the start."""
         self.is_open = False
         self.has_news = False
         """Whether a patch has sent a change that was in no cycle yet."""
@@ -133,7 +131,7 @@ class Gather:
         if batch.n == 0:
             return
         accepted, unknown, bad_length = self.plan.unpack(
-            batch, self.counts, self.seen, self.bad_length, self._stamps, self.freshness.answers
+            batch, self.counts, self.seen, self._stamps, self.freshness.answers
         )
         self.counters.accepted += accepted
         self.counters.unknown += unknown
@@ -184,7 +182,7 @@ class Gather:
         self.counters.late += n
         seen = np.zeros_like(self.seen) if self.is_open else self.seen
         self.freshness.take_back(self.is_open)
-        self.plan.unpack(batch, self.counts, seen, None, None, self.freshness.answers)
+        self.plan.unpack(batch, self.counts, seen, None, self.freshness.answers)
         self.freshness.take_back(-self.is_open)
 
     def _missing(self) -> int:

@@ -165,7 +165,6 @@ class ReadingsPlan:
         batch: FrameBatch,
         counts: Ints32,
         seen: Ints32,
-        wrong: Ints32 | None = None,
         stamps: Bytes | None = None,
         answers: Answers | None = None,
     ) -> Unpacked:
@@ -177,14 +176,11 @@ class ReadingsPlan:
         Args:
             counts: (n_tactels,) int32; only tactels whose frame came are written.
             seen:   (n_patches,) int32; bits are added, never taken away.
-            wrong:  (n_patches,) int32; a patch's frames of wrong length are added.
             stamps: (n_frames, 4) uint8, as ``stamped``; of the PDOs that came and carry them.
             answers: the account of SYNCs and their answers, which is kept.
         """
         pdo, is_wrong = self._classify(batch)
         is_known = pdo >= 0
-        if wrong is not None:
-            np.add.at(wrong, self.pdo_patch[pdo[is_wrong]], 1)
         (rows,) = np.nonzero(is_known & ~is_wrong)
         result = Unpacked(len(rows), len(pdo) - int(is_known.sum()), int(is_wrong.sum()))
         if not len(rows):

@@ -22,7 +22,6 @@ def cost():
     arm = load_arm("forearm")
     plan = ReadingsPlan(arm, ods_of(arm))
     counts, seen = np.zeros(arm.n_tactels, np.int32), np.zeros(arm.n_patches, np.int32)
-    bad = np.zeros(arm.n_patches, np.int32)
     burst = FrameBatch(plan.n_frames)
     pack(plan, counts, burst)
     some = list(burst)
@@ -39,7 +38,7 @@ def cost():
                 sender.send(frames)
                 begin = time.perf_counter_ns()
                 ours.receive()
-                plan.unpack(ours.batch, counts, seen, bad)
+                plan.unpack(ours.batch, counts, seen)
                 middle = time.perf_counter_ns()
                 for _ in range(n):
                     theirs.recv(1.0)

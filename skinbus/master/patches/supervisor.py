@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from skinbus.arrays import Ints32
 from skinbus.can.core import NEVER
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
@@ -123,11 +122,10 @@ class PatchMonitor:
         self.table.enter(p, state)
         self.table.missed[p] = 0
 
-    def readings(self, now_ns: int, owing: Mask, fresh: Mask, bad_length: Ints32) -> list[Event]:
+    def readings(self, now_ns: int, owing: Mask, fresh: Mask) -> list[Event]:
         """Note which of the patches that owed readings have sent them; too many gaps in a row is silence.
 
-        One that sends some is operational (CiA 301, 7.3.2.2.4). ``bad_length`` (n_patches,) counts PDOs of
-        wrong length since the start.
+        One that sends some is operational (CiA 301, 7.3.2.2.4).
         """
         for p in np.flatnonzero(fresh & ~self.table.is_running).tolist():
             self.table.enter(p, PatchState.OPERATIONAL)
@@ -191,14 +189,11 @@ class Supervisor(PatchMonitor):
         self._sessions: Sessions[Ended] = Sessions(timeouts)
         self._ready: list[int] = []  # booted, and not started yet
         self._hold_until = 0
-        self._has_booted, self._is_restored, self._is_unnamed, self._has_bad_length = np.zeros(
-            (4, n), np.bool_
-        )
+        self._has_booted, self._is_restored, self._is_unnamed = np.zeros((3, n), np.bool_)
         self._is_lost = np.zeros(n, np.bool_)  # as the log has it: "back" follows
         self._due = np.full((2, n), NEVER)
         self._try_at, self._reset_at = self._due
         self._started_at, self._not_before, self._pause_s = np.zeros((3, n), np.int64)
-        self._bad_length = np.zeros(n, np.int32)
         self._requests: list[tuple[int | None, NmtCommand]] = []
         self._is_bus_lost = False
         lost_after = [int(HEARTBEAT_FACTOR * plan.heartbeat_ns) or NEVER for plan in plans]
@@ -314,18 +309,12 @@ class Supervisor(PatchMonitor):
                     self._report(now_ns, EventKind.PATCH_REPLACED, p, detail)
                 self.table.serial[p] = serial
 
-    def readings(self, now_ns: int, owing: Mask, fresh: Mask, bad_length: Ints32) -> list[Event]:
+    def readings(self, now_ns: int, owing: Mask, fresh: Mask) -> list[Event]:
         """As of any monitor; a patch that is mute is reset after a while, one that is back need not be."""
         silent, back = self._note_readings(now_ns, owing, fresh, ~self._late(now_ns))
         self._due[:, back] = NEVER
         self._reset_at[silent] = now_ns + MUTE_NS
         self._is_lost[silent], self._is_lost[back] = True, False
-        worse = bad_length != self._bad_length
-        good = self._has_bad_length & fresh & ~worse
-        self._bad_length[:] = bad_length
-        self._has_bad_length = self._has_bad_length & ~good | worse
-        self._report(now_ns, EventKind.PDO_LENGTH, worse)
-        self._report(now_ns, EventKind.PDO_LENGTH_END, good)
         return self._taken()[1]
 
     def stop(self, now_ns: int, until_ns: int, doubled: Mask, late: Mask) -> tuple[list[Frame], list[Event]]:
