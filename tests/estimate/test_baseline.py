@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from skinbus.estimate import Estimator
 from skinbus.estimate.baseline import FORGET_S, Baseline
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Surface
 
@@ -138,20 +137,6 @@ def test_what_one_patch_of_a_touch_over_a_seam_feels_is_held_with_the_rest(skin)
 
 
 @pytest.mark.slow
-def test_zero_that_cannot_be_observed_grows_uncertain_and_is_sure_again_after_it(skin):
-    skin.read(seconds=60)
-    free = skin.baseline.felt.doubt**0.5
-    assert free.max() < 10.0
-    skin.read(press(0.1, 0.0, 8.0), seconds=60)
-    sd = skin.baseline.felt.doubt**0.5
-    # the drift of a minute as declared; the patch far away was observed
-    assert sd[:32] == pytest.approx(np.hypot(free[:32], ARM.tactel_zero_drift[:32]), rel=0.02)
-    assert sd[32:].max() < 10.0
-    skin.read(seconds=60)
-    assert skin.baseline.felt.doubt.max() < 10.0**2
-
-
-@pytest.mark.slow
 def test_zero_that_drifts_out_of_its_band_takes_its_tactel_out(skin):
     skin.read(seconds=2)
     for n in range(700):
@@ -161,37 +146,6 @@ def test_zero_that_drifts_out_of_its_band_takes_its_tactel_out(skin):
     skin.read(seconds=10)
     assert not skin.baseline.felt.out.any()
     assert abs(skin.baseline.zeros[7]) < SIGMA
-
-
-def test_who_knows_that_nothing_touches_can_zero(skin):
-    skin.read(5000.0, seconds=5)
-    assert skin.baseline.suspect.all()
-    skin.baseline.zero()
-    skin.read(5000.0, seconds=2)
-    assert not skin.baseline.touched.any()
-    assert np.abs(skin.baseline.zeros - 5000.0).max() < 5 * 40.0
-
-
-@pytest.mark.slow
-def test_contact_held_for_an_hour_keeps_its_force():
-    skin = Skin()
-    estimator = Estimator(ARM)
-    offset = 100.0 * np.random.default_rng(6).standard_normal(N)
-    skin.read(offset, seconds=5)
-    held = offset + press(0.126, 0.0, 5.0)  # over the seam of two patches
-    skin.read(held, seconds=1)
-
-    def force():
-        """N, of the reading without noise."""
-        return estimator.update(held - skin.baseline.zeros, skin.t_ns).force.sum()
-
-    before = force()
-    far = np.zeros(N)
-    far[ARM.tactels_of(2)] = 500.0
-    for n in range(360):  # the free patch drifts all the while
-        skin.read(held + far * n / 360, seconds=10, period_ns=1_000_000_000)
-    assert abs(force() / before - 1.0) < 0.01
-    assert np.abs((skin.baseline.zeros - offset)[ARM.tactels_of(2)] - 500.0).max() < 60.0
 
 
 @pytest.mark.slow

@@ -35,17 +35,6 @@ def begin_at(cycle, tactels, value):
     return mend
 
 
-def test_board_at_the_lower_rail_is_named_within_half_a_second_and_comes_back():
-    skin = Skin(1, lambda raw, now, rng: raw.__setitem__(BOARD, -250.1e3) if 100 <= now < 600 else None)
-    skin.read(cycles=100)
-    assert skin.cycles_to(TactelFault.RAIL, BOARD) <= 25
-    skin.read(cycles=450)
-    assert skin.faulty == list(range(BOARD.start, BOARD.stop))
-    skin.read(cycles=200)
-    assert skin.faulty == []
-    assert np.abs(skin.baseline.zeros - skin.zeros)[BOARD].max() < 150.0
-
-
 @pytest.mark.parametrize("rail", [-250.1e3, TOP])
 def test_zeros_from_before_a_rail_are_taken_up_again_under_the_same_finger(rail):
     skin = Skin(25, lambda raw, now, rng: raw.__setitem__(BOARD, rail) if 200 <= now < 260 else None)
@@ -84,26 +73,6 @@ def test_press_that_saturates_a_tactel_is_plausible():
         skin.read(touch, cycles=100)
         skin.read(cycles=50)
         assert skin.faulty == []
-
-
-@pytest.mark.parametrize("force", [0.0, 20.0])
-def test_frozen_bytes_are_named_within_a_second_pressed_or_not(force):
-    kept = {}
-
-    def freeze(raw, now, rng):
-        if now == 300:
-            kept["raw"] = raw[BOARD].copy()
-        if 300 <= now < 1300:
-            raw[BOARD] = kept["raw"]
-
-    skin = Skin(4, freeze)
-    skin.read(cycles=250)
-    touch = press(ARM.tactel_s[INNER], ARM.tactel_a[INNER], force) if force else NO_TOUCH
-    skin.read(touch, cycles=50)
-    assert skin.cycles_to(TactelFault.FROZEN, BOARD, touch) <= 50
-    assert np.isnan(skin.read(touch, cycles=900)[BOARD]).all(), "what it reads is missing"
-    skin.read(cycles=150)
-    assert skin.faulty == []
 
 
 DEAD_ONES = {

@@ -48,12 +48,17 @@ def withheld(skin, touch, cycles):
 
 
 @pytest.mark.parametrize("touch", [NO_TOUCH, PRESS], ids=["free", "pressed"])
-def test_frozen_board_is_withheld_from_its_first_repetition_to_its_first_new_sample(touch):
+def test_frozen_board_is_withheld_from_its_first_repetition_to_its_first_new_sample_and_named(touch):
     skin = Skin(11, Frozen(150, 400))
     skin.read(cycles=100)
     assert not any(withheld(skin, touch, 51))
-    assert all(withheld(skin, touch, 249))
+    assert all(withheld(skin, touch, 49))
+    assert (skin.plausibility.faults[BOARD] & TactelFault.FROZEN).all(), "within a second"
+    assert np.isnan(skin.read(touch)[BOARD]).all(), "what it reads is missing"
+    assert all(withheld(skin, touch, 199))
     assert not any(withheld(skin, touch, 50))
+    skin.read(cycles=100)
+    assert skin.faulty == []
 
 
 def test_board_that_froze_while_it_was_not_used_is_withheld_when_it_is_used_again():
@@ -107,14 +112,16 @@ def test_board_that_repeats_its_readings_now_and_then_is_withheld_whenever_it_do
     assert withheld(skin, PRESS, 2000) == repeats[100:]
 
 
-def test_board_at_full_scale_is_withheld_at_once_and_named_within_half_a_second():
-    skin = Skin(18, lambda raw, now, rng: raw.__setitem__(BOARD, TOP) if 100 <= now < 600 else None)
+@pytest.mark.parametrize("rail", [-250.1e3, TOP])
+def test_board_at_a_rail_is_withheld_at_once_and_named_within_half_a_second_and_comes_back(rail):
+    skin = Skin(18, lambda raw, now, rng: raw.__setitem__(BOARD, rail) if 100 <= now < 600 else None)
     skin.read(cycles=100)
-    assert all(withheld(skin, NO_TOUCH, 20))
+    assert all(withheld(skin, NO_TOUCH, 20)) or rail < 0.0, "below zero there is no contact to withhold"
     assert skin.cycles_to(TactelFault.RAIL, BOARD) <= 5
     skin.read(cycles=600 - skin.cycle)
     assert not any(withheld(skin, NO_TOUCH, 200))
     assert skin.faulty == []
+    assert np.abs(skin.baseline.zeros - skin.zeros)[BOARD].max() < 150.0
 
 
 @pytest.mark.parametrize(

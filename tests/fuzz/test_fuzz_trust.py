@@ -16,7 +16,7 @@ from skinbus.estimate import Quality
 from skinbus.master import Master
 from skinbus.objects import cia
 from skinbus.sim import World, load_scene
-from tests.master.misbehaving import Delayed, Tool, swapped_mappings
+from tests.master.misbehaving import Delayed
 from tests.master.misbehaving_rig import TPDO_OF
 from tests.master.rig import MS
 
@@ -30,7 +30,7 @@ CENTRES_MM = tuple(28.0 + 60.0 * k for k in range(N_BOARDS))
 N_SD = 6.0
 KINDS = (
     *("late", "late by a period", "torn", "random", "missing", "lossy", "repeated", "frozen", "half frozen"),
-    *("rails", "stuck", "reboot", "remap", "doubled", "late at times", "again in the next period"),
+    *("rails", "stuck", "reboot", "doubled", "late at times", "again in the next period"),
     *("old at times", "old in every second period"),
 )
 
@@ -90,13 +90,12 @@ def plans_of(rng):
 class Boards(Delayed):
     """A world on a bus whose boards misbehave by plan: (begin_ns, end_ns, kind) by node-ID."""
 
-    def __init__(self, world, plans, rng, wire):
+    def __init__(self, world, plans, rng):
         super().__init__(world)
-        self.plans, self.rng, self.wire = plans, rng, wire
+        self.plans, self.rng = plans, rng
         self._doing = {node_id: ((None, None), {}) for node_id in plans}
         """What a board does, and what it has drawn for that."""
         self._held = {}
-        wire.attach(self)
 
     def kind_of(self, now_ns, node_id):
         """When what a board does now began, and what it is; None: what it should."""
@@ -118,8 +117,6 @@ class Boards(Delayed):
         self._held = {key: data for key, data in self._held.items() if key & 0x7F != node_id}
         if kind == "reboot":
             device.command(cia.NmtCommand.RESET_NODE)
-        elif kind == "remap":
-            self.wire.attach(Remapper(device))
         return {
             "late_ns": self.rng.uniform(1.0, 3.2) * PERIOD_NS,
             "number": int(self.rng.integers(1, 5)),
@@ -175,21 +172,6 @@ class Boards(Delayed):
         return [*more, (now_ns + late_ns, frame)]
 
 
-class Remapper(Tool):
-    """Another tool: swaps two mappings, stores that and resets the board."""
-
-    def __init__(self, device):
-        super().__init__(device.node_id, swapped_mappings(device))
-        self.device, self.is_reset = device, False
-
-    def step(self, now_ns, frames):
-        step = super().step(now_ns, frames)
-        if self.is_done and not self.is_reset:
-            self.is_reset = True
-            self.device.command(cia.NmtCommand.RESET_NODE)
-        return step
-
-
 def is_true(contacts, c, now, before):
     """Whether a contact is where a touch is or was a cycle before, and as hard, within six sd."""
     cov = contacts.covariance[c]
@@ -232,7 +214,8 @@ def test_boards_that_misbehave_make_no_wrong_contact_and_cost_healthy_ones_nothi
     scene = load_scene(write_scene(tmp_path, rng))
     world, wire = World(scene), VirtualBus(scene.arm.bus.bitrate)
     master = Master(scene.arm, level="fit", on_cycle=check)
-    boards = Boards(world, plans_of(rng), rng, wire)
+    boards = Boards(world, plans_of(rng), rng)
+    wire.attach(boards)
     wire.attach(master)
     wire.run(EPISODE_NS)
     print(n, violations)

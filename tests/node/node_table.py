@@ -115,11 +115,20 @@ def expand(step: str) -> Sequence[str]:
     if verb not in ("read", "write"):
         return (step,)
     place, _, rest = rest.partition(" ")
-    data, _, code = rest.partition("! ")
-    refused = no(place, int(code, 16)) if code else ""
+    text, _, code = rest.partition("! ")
+    data = bytes.fromhex(text.removeprefix("= "))
+    size = 4 - len(data) << 2
     if verb == "read":
-        return up(place), refused or got(place, data.removeprefix("= "))
-    return down(place, data), refused or done(place)
+        asked, answer = sdo("-> 600+n", 0x40, place), sdo("<- 580+n", 0x43 | size, place, data)
+    else:
+        asked, answer = sdo("-> 600+n", 0x23 | size, place, data), sdo("<- 580+n", 0x60, place)
+    return asked, sdo("<- 580+n", 0x80, place, int(code, 16).to_bytes(4, "little")) if code else answer
+
+
+def sdo(way: str, command: int, place: str, data: bytes = b"") -> str:
+    """The step of an SDO frame that carries up to four bytes."""
+    index, _, sub = place.partition(":")
+    return f"{way} {command:02X} {index[2:]} {index[:2]} {sub} {data.ljust(4, bytes(1)).hex(' ')}"
 
 
 class Actions:
@@ -374,40 +383,3 @@ def run(row: Row, which: str) -> None:
                 bench.step()
     assert not bench.sent, f"{row.name} on {which}: unexpected {show(bench.sent[0])} at the end"
     assert bench.device.nmt_state in NmtState
-
-
-# --- SDO steps in short: what is written here is one frame each ------------------------------------
-
-
-def _place(place: str) -> str:
-    index, _, sub = place.partition(":")
-    return f"{index[2:]} {index[:2]} {sub}"
-
-
-def _pad(data: str) -> str:
-    return " ".join([*data.split(), *["00"] * (4 - len(data.split()))])
-
-
-def up(place: str) -> str:
-    """A client asks to read, as in ``up("1018:04")``."""
-    return f"-> 600+n 40 {_place(place)} 00 00 00 00 ; read {place}"
-
-
-def got(place: str, data: str) -> str:
-    """The expedited answer to it."""
-    return f"<- 580+n {0x43 | (4 - len(data.split())) << 2:02X} {_place(place)} {_pad(data)}"
-
-
-def down(place: str, data: str) -> str:
-    """A client writes up to four bytes, expedited."""
-    return f"-> 600+n {0x23 | (4 - len(data.split())) << 2:02X} {_place(place)} {_pad(data)} ; write {place}"
-
-
-def done(place: str) -> str:
-    """The answer to it."""
-    return f"<- 580+n 60 {_place(place)} 00 00 00 00"
-
-
-def no(place: str, code: int) -> str:
-    """An abort."""
-    return f"<- 580+n 80 {_place(place)} {code.to_bytes(4, 'little').hex(' ')} ; 0x{code:08X}"
