@@ -29,7 +29,11 @@ FINGERS = 0.022 * np.array([-1.5, -0.5, 0.5, 1.5])
 """m, in a row."""
 
 
-def make_plate(side, pitch, boards=(5, 4)):
+BOARDS = 4
+"""Along each side of a plate."""
+
+
+def make_plate(side, pitch):
     """Return an arm of boards of side x side tactels, on a plane."""
     diameter = min(9.53e-3, 0.95 * pitch)
     d = 0.75e-3 * np.arange(64)
@@ -43,13 +47,10 @@ def make_plate(side, pitch, boards=(5, 4)):
         release=700.0,
         noise=NOISE,
     )
-    size = np.array(boards) * (BOARD + SEAM)
-    link = Link("plate", Surface.plane(*size))
-    places = [
-        ((i + 0.5) * (BOARD + SEAM), (j - 0.5 * (boards[1] - 1)) * (BOARD + SEAM))
-        for i in range(boards[0])
-        for j in range(boards[1])
-    ]
+    size = BOARDS * (BOARD + SEAM)
+    link = Link("plate", Surface.plane(size, size))
+    middles = (np.arange(BOARDS) + 0.5) * (BOARD + SEAM)
+    places = [(s, a - 0.5 * size) for s in middles for a in middles]
     placed = [PlacedPatch(patch=patch, node_id=k, link=0, s=s, a=a) for k, (s, a) in enumerate(places, 1)]
     return Arm("plate", [link], placed)
 
@@ -65,9 +66,7 @@ class Presses:
     def read(self, force=None):
         """Return (n_tactels,) Pa with noise, the force (N), and the centre (s, a) m of a random press."""
         rng, surface = self.rng, self.arm.links[0].surface
-        margin = 0.055 if surface.period == 0.0 else 0.045
-        s = rng.uniform(margin, surface.length - margin)
-        half = 0.5 * surface.width - margin if surface.period == 0.0 else 0.5 * surface.period
+        s, half = rng.uniform(0.055, surface.length - 0.055), 0.5 * surface.width - 0.055
         a, yaw = rng.uniform(-half, half), rng.uniform(0.0, np.pi)
         force = FORCES[self.name] * rng.uniform(0.5, 2.0) if force is None else force
         along = FINGERS if self.name == "four fingers" else np.zeros(1)

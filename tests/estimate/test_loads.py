@@ -22,23 +22,17 @@ LIMITS = {
 
 @functools.cache
 def meter(side, pitch):
-    return LoadMeter(make_plate(side, pitch, boards=(4, 4)))
-
-
-def loads_under(a_meter, name, seed, n, force=None):
-    """Loads of random presses, their forces (N) and centres (m)."""
-    presses = Presses(a_meter.arm, name, seed)
-    for _ in range(n):
-        pressures, truth, at = presses.read(force)
-        yield a_meter.measure(pressures, pressures > THRESHOLD), truth, at
+    return LoadMeter(make_plate(side, pitch))
 
 
 @pytest.mark.parametrize("name", INDENTERS)
 @pytest.mark.parametrize("board", LIMITS)
 def test_load_is_that_of_whatever_presses_and_its_deviation_is_true(board, name):
     a_meter = meter(*board)
-    error, share, place = [], [], []
-    for loads, force, at in loads_under(a_meter, name, 31, 60):
+    presses, error, share, place = Presses(a_meter.arm, name, 31), [], [], []
+    for _ in range(60):
+        pressures, force, at = presses.read()
+        loads = a_meter.measure(pressures, pressures > THRESHOLD)
         if loads.force == 0.0:
             continue  # a tip that nothing feels
         error.append(loads.force / force - 1.0)

@@ -30,19 +30,10 @@ def test_a_layout_of_triangles_is_as_good_as_a_grid(draw, n, count):
     assert 0.85 <= found["NEES"] <= 1.15
 
 
-@pytest.mark.parametrize(
-    ("skin", "draw", "least"),
-    [
-        ("pad", "two", 0.85),
-        ("pad", "three", 0.85),
-        ("finger", "two 15 mm", 0.6),  # learned: something is left for other sizes than that of its presses
-        ("forearm", "two on seam", 0.85),
-    ],
-)
-def test_covariance_of_contacts_close_together_is_honest(skin, draw, least):
-    found, _ = measured(skin, draw, 400)
+def test_covariance_of_contacts_close_together_is_honest():
+    found, _ = measured("pad", "two", 400)
     # a mean of 800 chi-squares with 3 degrees of freedom, over 3: 3 %, and one case in a thousand is far off
-    assert least <= found["NEES"] <= 1.25
+    assert 0.85 <= found["NEES"] <= 1.25
     assert found["right %"] >= 93.0
 
 

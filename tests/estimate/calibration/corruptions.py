@@ -10,13 +10,13 @@ from skinbus.estimate.calibration import Judgement, PressTable, judge
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, Transducer
 from skinbus.model.patch import grid
 from skinbus.sim.laws import Elastic
-from tests.skins import feel_of, hexagon, shipped_law
+from tests.skins import feel_of, shipped_law
 
 LIMIT_M = 1e-3
 """Error of places above which nothing may be accepted without a word."""
 SAID = 1.5
 """By which an error that is said may be exceeded: quantiles of 40 touches differ by half."""
-LAYOUTS = [grid(4, 4, 0.010), grid(4, 2, 0.0099), grid(5, 3, 0.012), grid(6, 6, 0.008), hexagon()]
+LAYOUTS = [grid(4, 4, 0.010), grid(4, 2, 0.0099), grid(5, 3, 0.012)]
 
 
 @dataclass
@@ -30,17 +30,14 @@ class PressedBoards:
     rng: object
 
     @classmethod
-    def draw(cls, rng, small=False):
-        """Return boards of one kind on a plane or a tube; layout, gains, noise, converter, presses vary.
-
-        ``small``: one board of few tactels, pressed 60 times.
-        """
-        uv = LAYOUTS[rng.integers(3 if small else 5)]
+    def draw(cls, rng, n=1):
+        """Return n boards of a kind, pressed 60 times each; layout, link, gains, noise, converter vary."""
+        uv = LAYOUTS[rng.integers(3)]
         bits, converter = [(16, 12), (16, 16), (8, 8), (16, 10)][rng.integers(4)]
         transducer = Transducer(
             full_scale=float(rng.choice([100e3, 250e3])), bits=bits, converter_bits=converter
         )
-        size, n = np.ptp(uv, axis=0) + 0.010, 1 if small else int(rng.integers(1, 4))
+        size = np.ptp(uv, axis=0) + 0.010
         patch = Patch(
             tactels_uv=uv, size=tuple(size), transducer=transducer, law=shipped_law(), threshold=1000.0
         )
@@ -61,11 +58,10 @@ class PressedBoards:
             felt = np.array([feel(touch[None]) for touch in touches]) * gain
             return transducer.pressure(transducer.counts(felt + noise * rng.standard_normal(felt.shape)))
 
-        each = 60 if small else int(rng.integers(60, 140))
-        patch, force = np.repeat(np.arange(n), each), rng.uniform(3.0, 15.0, each * n)
+        patch, force = np.repeat(np.arange(n), 60), rng.uniform(3.0, 15.0, 60 * n)
         if same := rng.random() < 0.3:
             force[:] = 8.0
-        places = [rng.uniform(uv.min(axis=0) - 0.004, uv.max(axis=0) + 0.004, (each, 2)) for _ in placed]
+        places = [rng.uniform(uv.min(axis=0) - 0.004, uv.max(axis=0) + 0.004, (60, 2)) for _ in placed]
         s, a = np.concatenate([arm.on_link(p, at) for p, at in enumerate(places)], axis=1)
         readings = read(np.column_stack([s, a, force]))
         readings[patch[:, None] != arm.tactel_patch] = np.nan
@@ -91,11 +87,11 @@ class PressedBoards:
         return float(np.quantile(off, 0.68))
 
 
-def outcome(seed, corrupt=None, **options):
-    """Return the judgement of presses drawn by a seed, and corrupted, and what comes of it in words."""
+def outcome(seed, corrupt, n):
+    """Return the judgement of presses on n boards, corrupted, and what comes of it in words."""
     rng = np.random.default_rng(seed)
-    boards = PressedBoards.draw(rng, **options)
-    judgement: Judgement = judge(corrupt(boards.table, rng) if corrupt else boards.table)
+    boards = PressedBoards.draw(rng, n)
+    judgement: Judgement = judge(corrupt(boards.table, rng))
     if judgement.faults:
         return judgement, "refused"
     error = boards.error(judgement.calibration.apply(boards.arm))
