@@ -62,7 +62,6 @@ class Loop:
     Args:
         on_step: called after each step, in the thread of the loop: short, please.
         on_event: called with each event of the core and of its interfaces.
-        final_frames: called with the time when all is over: frames to send before the buses are closed.
         tidy: collects garbage, while the loop would sleep.
     """
 
@@ -72,7 +71,6 @@ class Loop:
     clock: Clock = field(default_factory=MonotonicClock)
     on_step: Callable[[Step], object] | None = None
     on_event: Callable[[Event], object] | None = None
-    final_frames: Callable[[int], Frames] | None = None
     tidy: GcScheduler | None = None
     report: LoopReport = field(default_factory=LoopReport)
     stopping: bool = False
@@ -121,8 +119,8 @@ class Loop:
 
     def say_farewell(self) -> None:
         """Send the last frames."""
-        if self.final_frames:
-            self.send(self.final_frames(self.clock.now_ns()))
+        if frames := self.core.last_frames(self.clock.now_ns()):
+            self.send(frames)
 
     def close(self) -> None:
         """Let go of all buses, also when one of them fails at it."""

@@ -67,6 +67,10 @@ class Core:
         """Take the frames received up to ``now_ns``; never raises for their content."""
         raise NotImplementedError
 
+    def last_frames(self, now_ns: int) -> Frames:
+        """Return the frames to send at the end; a host asks for them when there are no more steps."""
+        return ()
+
 
 def receives(cob_ids: CobIds | None, frame: Frame) -> bool:
     """Return whether a core with these ``cob_ids`` gets the frame; 29-bit 0x181 is not 11-bit 0x181.

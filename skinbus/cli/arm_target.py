@@ -7,12 +7,12 @@ from pathlib import Path
 import click
 
 from skinbus.cli import output
-from skinbus.config.arm_file import ArmFile, read_arm_file
+from skinbus.config.arm_file import read_arm_file
 from skinbus.model import Arm
 
 
-def arm_target(arm: str, path: Path, loaded: Arm, out: Path | None) -> tuple[Path, ArmFile]:
-    """Return the file to write, and what is in the one that is read.
+def arm_target(arm: str, path: Path, loaded: Arm, out: Path | None) -> Path:
+    """Return the file to write.
 
     Args:
         arm: as the user named it.
@@ -24,7 +24,7 @@ def arm_target(arm: str, path: Path, loaded: Arm, out: Path | None) -> tuple[Pat
         raise click.UsageError(f"{arm} has boards on meshes: their places and node-IDs are written by hand")
     if out is None and str(path) != arm:
         raise click.UsageError(f"{arm} ships with skinbus and is not written; say where to by --out")
-    target, arm_file = out or path, read_arm_file(path)
+    target = out or path
     output.try_to_write(target, ".toml")
-    output.keep_files([target], arm, arm_file.files[1:])  # the first is the arm file
-    return target, arm_file
+    output.keep_files([target], arm, read_arm_file(path).files[1:])  # the first is the arm file
+    return target

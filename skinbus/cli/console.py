@@ -10,7 +10,6 @@ from rich.console import Console as RichConsole
 from rich.console import ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.table import Table
-from rich.text import Text
 
 from skinbus.cli.output import forget_output
 from skinbus.printable import layout
@@ -45,10 +44,6 @@ class Console(RichConsole):
         for row in cells:
             table.add_row(*row)
         self.print(table)
-
-    def render_str(self, text: str, **settings: Any) -> Text:
-        """Return a string as text without control characters; their widths are those that are shown."""
-        return super().render_str(layout(text), **settings)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Return what is shown; whatever made it, control characters come from the console only."""

@@ -12,7 +12,6 @@ from typing import Any, Self
 from skinbus.bus.core_thread import CoreThread
 from skinbus.bus.loop import LoopReport
 from skinbus.can.core import Core, Step
-from skinbus.can.frame import Frame
 from skinbus.cli.console import Console
 from skinbus.cli.stop_signals import Ending
 from skinbus.skin.addresses import BusAddress
@@ -79,13 +78,12 @@ class Host:
         core: Core,
         places: Sequence[BusAddress],
         *,
-        final_frames: Callable[[int], Sequence[Frame]] | None = None,
         say: Callable[[str], Any] = print,
         urgent: bool = False,
         steady: bool = False,
         on_step: Callable[[Step], Any] | None = None,
     ) -> None:
-        """``final_frames`` returns the last frames to send, when the core has been stopped.
+        """Prepare to run a core.
 
         ``places`` are those of the core's buses. Events are shown through ``say``. With ``urgent`` the
         core's thread comes before all others; with that or ``steady`` garbage is collected in pauses only.
@@ -97,7 +95,6 @@ class Host:
         self._thread = CoreThread(
             core,
             *(place.open for place in places),
-            final_frames=final_frames,
             on_event=self._log.take,
             on_step=on_step,
             complain=say,

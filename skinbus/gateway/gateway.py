@@ -79,7 +79,7 @@ class Gateway(Core):
         step = self._host.step(now_ns, [frame for frame in frames if frame.bus == CANOPEN])
         return Step([*step.frames, *out], [*step.events, *events], min(step.wake_ns, self._judge_ns))
 
-    def stop_frames(self, now_ns: int) -> list[Frame]:
+    def last_frames(self, now_ns: int) -> list[Frame]:
         """Return the commands that end the skin's sending."""
         return self._commands(now_ns, self._format.stop, self.addresses)
 

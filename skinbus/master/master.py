@@ -225,7 +225,7 @@ class Master(Core):
             wake_ns = min(wake_ns, self._deadline)
         return Step(claims + out, events, wake_ns)
 
-    def stop(self, now_ns: int) -> list[Frame]:
+    def last_frames(self, now_ns: int) -> list[Frame]:
         """Return the last frames on all buses: contacts taken back, patches to pre-operational.
 
         None from a master that has sent nothing yet, or has given way: the patches are another's.

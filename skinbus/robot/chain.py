@@ -203,7 +203,8 @@ def _compile(
         carrier=np.array([joint for joint, _ in frames], np.int64),
         X_CF=np.array([X for _, X in frames]).reshape(-1, 4, 4),
         moves=moves,
-        lower=np.array([joint.lower for joint in moved]),
-        upper=np.array([joint.upper for joint in moved]),
-        velocity=np.array([joint.velocity for joint in moved]),
+        **{
+            name: np.array([getattr(joint, name) for joint in moved])
+            for name in ("lower", "upper", "velocity")
+        },
     )

@@ -154,7 +154,6 @@ class _MasterFeed(Feed):
             self._thread = CoreThread(
                 self._master,
                 *(place.open for place in places),
-                final_frames=self._master.stop,
                 on_step=self._on_step,
                 on_end=lambda error: self.end(error or self._master.gave_way),
                 complain=LOG.info,

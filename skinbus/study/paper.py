@@ -49,26 +49,6 @@ _EXACT = Transducer(full_scale=1e7, bits=32)  # "saturation" in the paper is one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LevelErrors:
-    """Errors of one level in one cell of an experiment."""
-
-    level: str
-    n_touches: int
-    side: int
-    pitch: float
-    force: float
-    slope: float
-    trials: int
-    found: float
-    """Share of the touches that have a contact."""
-    position_mm: float
-    """Mean over the touches found; NaN when there is none. So are those below."""
-    position_sd_mm: float
-    force_pct: float
-    force_sd_pct: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PaperCase:
     """One cell of an experiment."""
 
@@ -77,6 +57,21 @@ class PaperCase:
     slope: float = SLOPE
     force: float = FORCE
     n_touches: int = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelErrors(PaperCase):
+    """Errors of one level in one cell of an experiment."""
+
+    level: str
+    trials: int
+    found: float
+    """Share of the touches that have a contact."""
+    position_mm: float
+    """Mean over the touches found; NaN when there is none. So are those below."""
+    position_sd_mm: float
+    force_pct: float
+    force_sd_pct: float
 
 
 def board(side: int, pitch: float, slope: float, *, noise: float, threshold: float) -> Arm:

@@ -46,7 +46,7 @@ class Failing(Talker):
 
 
 @pytest.mark.parametrize("core", [Talker(), Failing()])
-@pytest.mark.parametrize("fails", ["final_frames", "close", "final_frames and close"])
+@pytest.mark.parametrize("fails", ["last_frames", "close", "last_frames and close"])
 def test_buses_are_closed_and_the_first_error_is_raised_whatever_fails(core, fails):
     clock = VirtualClock()
     buses = [FakeBus(clock), FakeBus(clock)]
@@ -57,10 +57,10 @@ def test_buses_are_closed_and_the_first_error_is_raised_whatever_fails(core, fai
         def cob_ids_on(self, bus):
             return None
 
-    def final_frames(now_ns):
-        if "final_frames" in fails:
-            raise ValueError("the final_frames")
-        return ()
+        def last_frames(self, now_ns):
+            if "last_frames" in fails:
+                raise ValueError("the last frames")
+            return ()
 
     def close(self=buses[1]):
         self.is_open = False
@@ -68,9 +68,9 @@ def test_buses_are_closed_and_the_first_error_is_raised_whatever_fails(core, fai
             raise BusError("the bus")
 
     buses[1].close = close
-    all_of = {KeyError: isinstance(core, Failing), ValueError: "final" in fails, BusError: "close" in fails}
+    all_of = {KeyError: isinstance(core, Failing), ValueError: "last" in fails, BusError: "close" in fails}
     first, *others = [error for error, is_so in all_of.items() if is_so]
-    settings = {"stop": VirtualStop(clock, MS), "clock": clock, "final_frames": final_frames}
+    settings = {"stop": VirtualStop(clock, MS), "clock": clock}
     with pytest.raises(first) as caught:
         Loop(Two(), [bus.open for bus in buses], **settings).run()
     assert [bus.is_open for bus in buses] == [False, False]

@@ -25,6 +25,9 @@ class Idle(Core):
     def step(self, now_ns, frames):
         return Step((), (), NEVER)
 
+    def last_frames(self, now_ns):
+        return [FAREWELL]
+
 
 @pytest.mark.parametrize("number", ENDS)
 def test_a_signal_in_a_wait_ends_it_and_the_farewell_goes_out(number):
@@ -32,15 +35,10 @@ def test_a_signal_in_a_wait_ends_it_and_the_farewell_goes_out(number):
     said = []
     channel = f"ending-{number}"
     with PythonCanBus("virtual", channel) as ear:
-        host = Host(
-            Idle(),
-            [BusAddress("virtual", channel, 1_000_000)],
-            final_frames=lambda t: [FAREWELL],
-            say=said.append,
-        )
+        host = Host(Idle(), [BusAddress("virtual", channel, 1_000_000)], say=said.append)
         with host:
             host.wait(None, 0.01, lambda: os.kill(os.getpid(), number))
-            os.kill(os.getpid(), number)  # a second one does not cut the final_frames short
+            os.kill(os.getpid(), number)  # a second one does not cut the last frames short
         assert [frame[:2] for frame in ear.receive(0.0)] == [FAREWELL[:2]]
     assert host.report.n_sent == 1
     assert said == ["stopping"]

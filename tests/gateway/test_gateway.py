@@ -142,7 +142,7 @@ def test_boards_that_restart_are_started_again(tmp_path):
 
 def test_the_skin_is_told_to_stop_at_the_end(tmp_path):
     rig = Rig(tmp_path, *MTB4)
-    assert [(f.can_id, f.data, f.bus) for f in rig.gateway.stop_frames(5)] == [
+    assert [(f.can_id, f.data, f.bus) for f in rig.gateway.last_frames(5)] == [
         (0x202, b"\x07\x01", 1),
         (0x203, b"\x07\x01", 1),
     ]

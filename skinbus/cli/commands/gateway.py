@@ -54,7 +54,6 @@ def command(
     host = Host(
         gateway,
         places,
-        final_frames=gateway.stop_frames,
         urgent=True,  # as boards are: a master that computes must not make their readings late
     )
     n = counted(len(gateway.node_ids), "patch")

@@ -104,7 +104,6 @@ def command(
     host = Host(
         guard,
         places,
-        final_frames=guard.last_frames,
         on_step=follow,
         say=say,
         urgent=True,

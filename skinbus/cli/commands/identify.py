@@ -20,7 +20,7 @@ from skinbus.cli.console import Console
 from skinbus.cli.host import QUICK_S, Host, compiling, run_to_end
 from skinbus.cli.options import Where, arm_bus_options, file_option
 from skinbus.config.arm_edit import write_arm
-from skinbus.config.arm_file import find_arm
+from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.system import load_arm
 from skinbus.formatting import counted
 from skinbus.master.commissioning.identification import Identification
@@ -62,10 +62,10 @@ def command(arm: str, where: Where, out: Path | None) -> None:
       skinbus scan identify my-arm.toml -c can0 --out found.toml
     """
     path, whole = find_arm(arm), load_arm(arm, check_load=False)
-    target, arm_file = arm_target(arm, path, whole, out)
+    target = arm_target(arm, path, whole, out)
     part, place = where.of(whole)
     number = bus_numbers(whole, where.names)[0]
-    mountings = [mounting for mounting in arm_file.mountings if mounting.bus == number]
+    mountings = [mounting for mounting in read_arm_file(path).mountings if mounting.bus == number]
     console = Console()
     say = partial(console.print, soft_wrap=True)
     bench = boards_on(place, part, say)
@@ -119,7 +119,7 @@ def talk(dialogue: Identification, arm: Arm, place: BusAddress, console: Console
             for text in dialogue.step(*cycles.popleft(), answers):
                 say(text)
 
-    with Host(master, [place], final_frames=master.stop, say=say) as host:
+    with Host(master, [place], say=say) as host:
         host.wait_until(lambda: dialogue.is_over, QUICK_S, go_on)
     dialogue.is_quit |= not dialogue.is_over
 

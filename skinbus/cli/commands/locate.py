@@ -55,7 +55,7 @@ def command(arm: str, presses: Path, write: bool, out: Path | None) -> None:
       skinbus calibrate locate my-arm.toml presses.csv --write
     """
     path, loaded = find_arm(arm), load_arm(arm, check_load=False)
-    target = arm_target(arm, path, loaded, out)[0] if write or out else None
+    target = arm_target(arm, path, loaded, out) if write or out else None
     rows = read_presses(loaded, presses)
     found = locate(loaded, rows)
     console = Console()

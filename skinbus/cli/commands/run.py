@@ -108,7 +108,6 @@ def command(
     host = Host(
         run.master,
         places,
-        final_frames=run.master.stop,
         say=run.say,
         urgent=True,
     )

@@ -25,7 +25,7 @@ def record_pad(path):
         rig.wire.tap(lambda frame: writer.write([frame]))
         rig.run(SECONDS * 1e3)
         now_ns = rig.wire.now_ns
-        writer.write([frame._replace(t_ns=now_ns) for frame in rig.master.stop(now_ns)])
+        writer.write([frame._replace(t_ns=now_ns) for frame in rig.master.last_frames(now_ns)])
 
 
 def frames_in(path, channel="can0"):
