@@ -18,7 +18,6 @@ from skinbus.objects.eds import load_eds
 from tests.firmware.firmware_device import EMPTY, FLAGS, PORT, Code, FirmwareDevice
 
 NODE = 5
-N_SYNCS = 200
 LIMIT_NS = 300_000 * NS_PER_MS
 
 
@@ -91,13 +90,12 @@ class SensingFirmware(FirmwareDevice):
         return super().step(now_ns, frames)
 
 
-def broken_rules(code: Code) -> dict[str, str]:
+def broken_rules(device: FirmwareDevice, eds: str = "skin-patch", **settings: object) -> dict[str, str]:
     """Return the rules that a board breaks, and what was seen."""
-    wire = VirtualBus(1_000_000)
-    device = SensingFirmware(code)
+    wire = VirtualBus(1_000_000, data_bitrate=2_000_000)
     wire.attach(device)
-    od = load_eds("skin-patch", NODE)
-    core = PatchCheck(NODE, od, 5 * NS_PER_MS, RULES, n_syncs=N_SYNCS, ask=device.press, destructive=True)
+    od = load_eds(eds, NODE)
+    core = PatchCheck(NODE, od, 5 * NS_PER_MS, RULES, destructive=True, **settings)
     wire.attach(core)
     wire.run(LIMIT_NS)
     found = {r.rule.name: r.detail for r in core.results if r.grade is Grade.FAIL}

@@ -10,16 +10,14 @@ from click.testing import CliRunner
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
-from skinbus.can.virtual_bus import VirtualBus
 from skinbus.cli.commands.board import command
 from skinbus.firmware import write_project
-from skinbus.master.commissioning.patch_check import RULES, Grade, PatchCheck
 from skinbus.node import Device
-from skinbus.node.context import NS_PER_MS
 from skinbus.objects.eds import eds_names, find_eds, load_eds
 from skinbus.objects.eds_text import EdsText
 from skinbus.objects.guard import GFC_ID
 from tests.firmware.firmware_device import EMPTY, FLAGS, FirmwareDevice, code_of
+from tests.firmware.mutants import broken_rules
 from tests.firmware.traffic import Traffic
 
 NODE = 5
@@ -36,20 +34,9 @@ def board(eds="skin-patch", **options):
     return FirmwareDevice(code_of(eds), NODE, flash=bytearray(EMPTY), **options)
 
 
-def check(device, eds="skin-patch", n_syncs=50):
-    """Return the rules that a board breaks, and what was seen."""
-    wire = VirtualBus(1_000_000, data_bitrate=2_000_000)
-    wire.attach(device)
-    core = PatchCheck(NODE, load_eds(eds, NODE), 5 * NS_PER_MS, RULES, n_syncs=n_syncs, destructive=True)
-    wire.attach(core)
-    wire.run(200_000 * NS_PER_MS)
-    assert len(core.results) == len(RULES)
-    return {r.rule.name: r.detail for r in core.results if r.grade is Grade.FAIL}
-
-
 @pytest.mark.parametrize("eds", BOARDS)
 def test_firmware_of_every_board_keeps_every_rule(eds):
-    assert check(board(eds), eds) == {}
+    assert broken_rules(board(eds), eds, n_syncs=50) == {}
 
 
 def two(eds, seed):
@@ -182,7 +169,7 @@ def test_board_of_ones_own_keeps_every_rule(tmp_path):
     eds = str(tmp_path / "own.eds")
     made = CliRunner().invoke(command, ["new", "--grid", "6x6", "--pitch-mm", "8", "--out", eds])
     assert not made.exit_code, made.output
-    assert check(board(eds), eds) == {}
+    assert broken_rules(board(eds), eds, n_syncs=50) == {}
 
 
 def test_board_with_few_objects_builds_and_keeps_every_rule(tmp_path):
@@ -195,7 +182,7 @@ def test_board_with_few_objects_builds_and_keeps_every_rule(tmp_path):
     eds.list_objects("ManufacturerObjects", [name for name in objects if name[0] == "2"])
     path = tmp_path / "few.eds"
     path.write_text(eds.text())
-    assert check(board(str(path)), str(path)) == {}
+    assert broken_rules(board(str(path)), str(path), n_syncs=50) == {}
 
 
 def test_project_builds_as_it_is_written(tmp_path):

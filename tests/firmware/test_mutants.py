@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.firmware.mutants import Workshop, broken_rules, load_mutants
+from tests.firmware.mutants import SensingFirmware, Workshop, broken_rules, load_mutants
 
 MUTANTS = list(load_mutants())
 
@@ -20,5 +20,6 @@ def test_most_mutants_are_to_be_found():
 @pytest.mark.slow
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.name)
 def test_check_of_a_board_names_the_fault(workshop, mutant):
-    found = broken_rules(workshop.make(mutant))
+    device = SensingFirmware(workshop.make(mutant))
+    found = broken_rules(device, n_syncs=200, ask=device.press)
     assert bool(found) != bool(mutant.reason), found
