@@ -22,6 +22,7 @@ from skinbus.model import Arm
 from skinbus.node.sdo_client import ANSWER_DOWNLOAD, ASK_DOWNLOAD
 from skinbus.node.sdo_server import ABORT, EXPEDITED, FRAME_LENGTH, HEAD, SIZE_GIVEN
 from skinbus.objects.cia import MAX_NODE_ID, SDO_CLIENT_BASE, SDO_SERVER_BASE, describe_abort
+from skinbus.objects.profile import MASTER_NODE_ID
 
 QUICK_STOP = "6040:0:0002"
 """Of a CiA 402 drive: the bit "quick stop" is 0, "enable voltage" stays 1; 0x605A chooses the ramp."""
@@ -119,7 +120,8 @@ def parse_stop(text: str, arm: Arm) -> NodeWrite | OutsideStop:
     if found[1] not in buses:
         raise AddressError(f"--stop {text}: wanted BUS/NODE; the buses are {', '.join(filter(None, buses))}")
     bus, node_id = buses[found[1]], int(found[2])
-    if not 1 <= node_id <= MAX_NODE_ID or node_id in arm.node_id[arm.patches_on(bus)]:
-        raise AddressError(f"--stop {text}: wanted a node-ID, 1 to {MAX_NODE_ID}, that no patch has")
+    if not 1 <= node_id <= MAX_NODE_ID or node_id in (MASTER_NODE_ID, *arm.node_id[arm.patches_on(bus)]):
+        wanted = f"1 to {MAX_NODE_ID}, that neither a patch nor the master has"
+        raise AddressError(f"--stop {text}: wanted a node-ID, {wanted}")
     data = bytes.fromhex(found[5])[::-1]
     return NodeWrite.of(text, bus, node_id, int(found[3], 16), int(found[4], 16), data)

@@ -192,6 +192,8 @@ class Guard(Core):
             patch.state = f"tripped by {_where(tripped_by)}"
             if patch.state != before:
                 self._report(EventKind.GUARD_TRIPPED, patch.state, patch)
+        if self.phase is Phase.GUARDING:  # whatever it says next: somebody may acknowledge at once
+            self._stop(f"{patch.label} {patch.state}")
 
     def _take_emcy(self, patch: _Watched, frame: Frame) -> None:
         """Say who and where; the state of the patch is what counts."""

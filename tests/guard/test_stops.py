@@ -44,6 +44,7 @@ def test_what_the_process_does_itself_is_taken_as_it_is_written(text):
             "cia402:",
             "cia402:0",
             "cia402:128",
+            "cia402:127",
             "cia402:1",
             "cia402:x",
             "cia402:-5",

@@ -10,6 +10,7 @@ from skinbus.can.frame import ERROR, EXTENDED, RTR, Frame
 from skinbus.guard.watch import Phase, region_forces
 from skinbus.model.guard import GuardRegion, GuardSettings
 from tests.guard.rig import (
+    ARMED,
     ARMED_AND_TRIPPED,
     ARMS,
     GFC,
@@ -80,6 +81,14 @@ def test_a_patch_that_is_not_exactly_armed_is_a_stop(state, by, reason):
     rig.step(rig.state(0, state, by))
     assert rig.is_stopped
     assert rig.guard.reason == reason
+
+
+@pytest.mark.parametrize("state", [TRIPPED, IDLE])
+def test_a_patch_that_is_armed_again_at_once_is_a_stop(state):
+    """Somebody acknowledges in a loop, GFC is lost, and the process takes both frames in one step."""
+    rig = Rig().guarding()
+    rig.step(rig.state(0, state), rig.state(0, ARMED))
+    assert rig.is_stopped
 
 
 @BOTH
