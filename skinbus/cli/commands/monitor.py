@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 
 import click
@@ -9,8 +10,10 @@ import click
 from skinbus.cli.console import Console
 from skinbus.cli.options import Where, bus_options, seconds_option
 from skinbus.cli.output import echo
+from skinbus.cli.recorded import values_of
 from skinbus.cli.stop_signals import Ending
 from skinbus.config.system import load_arm
+from skinbus.skin.cycle import Cycle
 from skinbus.skin.listened import listen
 from skinbus.view.screen import REFRESH_S, Screen, live_screen
 
@@ -21,30 +24,52 @@ SILENT_S = 1.0
 @click.command()
 @click.argument("arm")
 @bus_options
+@click.option(
+    "--json-lines",
+    "is_stream",
+    is_flag=True,
+    help="Print a line of JSON for every cycle; its contacts have the columns of `export`.",
+)
 @seconds_option
-def command(arm: str, where: Where, seconds: float | None) -> None:
+def command(arm: str, where: Where, is_stream: bool, seconds: float | None) -> None:
     """Show the contacts that a master of ARM publishes, until Ctrl-C; status 1 when no master sent anything.
 
     Pressures are computed from the readings of the patches; their zeros are found here. Without a terminal
-    the screen is printed once, at the end. Programs use `skinbus.listen`.
+    the screen is printed once, at the end.
 
     \b
     Examples:
       skinbus monitor forearm --channel can0
       skinbus monitor arm-two-buses -c upper=can0 -c lower=can1
+      skinbus monitor forearm --json-lines | jq -c .contacts
     """
     loaded, newest, console = load_arm(arm, check_load=False), None, Console()
     end_s = time.monotonic() + seconds if seconds else float("inf")
     with (
         Ending() as ending,
-        listen(loaded, **where.words(), readings=True) as skin,
-        live_screen(console, loaded) as show,
+        listen(loaded, **where.words(), readings=not is_stream) as skin,
+        live_screen(console, loaded, is_wanted=not is_stream) as show,
     ):
         while time.monotonic() < end_s and not ending.asked:
-            newest = skin.get(REFRESH_S) or newest
+            if cycle := skin.get(REFRESH_S):
+                newest = cycle
+                if is_stream:
+                    echo(line_of(cycle))
             show(newest if newest and newest.age_s < SILENT_S else None)
     if newest is None:
         echo("nothing of a master was received: does one run on this bus?", err=True)
         raise SystemExit(1)
-    if not console.is_terminal:
+    if not (is_stream or console.is_terminal):
         console.print(Screen(loaded).render(newest))
+
+
+def line_of(cycle: Cycle) -> str:
+    """Return a cycle as JSON; contacts have the columns of docs/export.md."""
+    values = {
+        "sync": cycle.counter,
+        "latency_us": round(1e6 * cycle.latency_s),
+        "level": cycle.level,
+        "flags": [flag.name.lower() for flag in cycle.flags if flag.name],
+        "contacts": [*map(values_of, cycle.contacts)],
+    }
+    return json.dumps(values)
