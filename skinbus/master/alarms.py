@@ -92,23 +92,20 @@ class Alarms:
         for event in events:
             data = bytes([event.node_id]) if event.node_id else event.cob_id.to_bytes(4, "little")
             if (code := RAISED_BY.get(event.kind)) is not None:
-                self._change(now_ns, [(code, data)], is_present=True)
-            gone = [(code, data) for code in CLEARED_BY.get(event.kind, ())]
+                self._waiting[code, data] = True
+            self._waiting |= dict.fromkeys([(code, data) for code in CLEARED_BY.get(event.kind, ())], False)
             if event.kind is EventKind.BUS_LOST:  # nothing is known of what was sent there
-                gone += [cause for cause in self._present if cause[0] == EmcyCode.COMMUNICATION]
-            self._change(now_ns, gone, is_present=False)
-        if self._waiting:
+                self._clear(EmcyCode.COMMUNICATION)
             self._send(now_ns)
+        self._send(now_ns)
 
     def all_came(self, now_ns: int) -> None:
         """Clear the faults that a cycle with all readings proves to be over."""
-        if self._present:
-            self._change(now_ns, [c for c in self._present if c[0] in PASSING], is_present=False)
+        self._clear(*PASSING)
+        self._send(now_ns)
 
-    def _change(self, now_ns: int, causes: list[Cause], *, is_present: bool) -> None:
-        for cause in causes:
-            self._waiting[cause] = is_present
-            self._send(now_ns)
+    def _clear(self, *codes: EmcyCode) -> None:
+        self._waiting |= dict.fromkeys([cause for cause in self._present if cause[0] in codes], False)
 
     def _next_ns(self, cause: Cause) -> int:
         return self._full_at.get(cause, 0) - (BURST - 1) * PAUSE_NS

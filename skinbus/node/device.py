@@ -274,7 +274,12 @@ class Device(Core):
         self._enter(NmtState.INITIALISING)
         if self._lss is not None:
             self._lss.reset()
-        self._load_defaults(application=application)
+        node_id = self._context.node_id
+        for entry in self.layout.entries.values():  # what is not written over the bus is the device's own
+            communication = entry.index < FIRST_APPLICATION_OBJECT
+            ours = entry.writable or (communication and entry.relative)
+            if ours and (communication or application):
+                self.values.store(entry, self.values.default(entry, node_id))
         self._boot(application=application)
 
     def _boot(self, *, application: bool = True) -> None:
@@ -338,12 +343,3 @@ class Device(Core):
             self.values.memory[at_counter] = 0 if status & SampleStatus.OLD else counter
             self.values.memory[at_status] = status
         self._tpdo.on_sync(counter, in_window=self._sync.in_window())
-
-    def _load_defaults(self, *, application: bool) -> None:
-        """Defaults for what the bus can write; all else is the device's own and stays."""
-        node_id = self._context.node_id
-        for entry in self.layout.entries.values():
-            communication = entry.index < FIRST_APPLICATION_OBJECT
-            ours = entry.writable or (communication and entry.relative)
-            if ours and (communication or application):
-                self.values.store(entry, self.values.default(entry, node_id))

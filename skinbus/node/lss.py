@@ -215,14 +215,14 @@ class LssSlave(Part):
         good = 1 <= data[1] <= MAX_NODE_ID or data[1] == UNCONFIGURED
         if good:
             self.pending_node_id = data[1]
-        self._answer(data[0], bytes((OK if good else OUT_OF_RANGE, 0)))
+        self._answer(data[0], bytes((OK if good else OUT_OF_RANGE,)))
 
     def _configure_bit_timing(self, data: bytes) -> None:
         rate = BIT_RATES.get(data[2]) if data[1] == STANDARD_TABLE else None
         good = rate is not None and rate in self.bit_rates
         if good:
             self.pending_bit_rate = rate
-        self._answer(data[0], bytes((OK if good else OUT_OF_RANGE, 0)))
+        self._answer(data[0], bytes((OK if good else OUT_OF_RANGE,)))
 
     def _activate_bit_timing(self, data: bytes) -> None:
         """The host owns the interface: it waits the delay, switches, and waits the delay again."""
@@ -237,7 +237,7 @@ class LssSlave(Part):
         except OSError as fault:
             self.context.report(EventKind.STORAGE, f"{LSS}: {fault}")
             error = STORE_NOT_SUPPORTED if self.storage.storage is None else STORE_FAILED
-        self._answer(data[0], bytes((error, 0)))
+        self._answer(data[0], bytes((error,)))
 
     def _inquire_identity(self, data: bytes) -> None:
         self._answer(data[0], _NUMBER.pack(self._identity(data[0] - Lss.INQUIRE_VENDOR)))

@@ -12,7 +12,7 @@ from skinbus.node.context import NS_PER_100US, NS_PER_MS, Context, Part
 from skinbus.node.mapping import packer
 from skinbus.node.pdo_rules import Pdo
 from skinbus.objects.cia import SYNC_COUNTER_OVERFLOW, SYNC_WINDOW, EmcyCode, NmtState, TransmissionType
-from skinbus.objects.pdo import Direction, PdoMap, pdo_numbers, readings_in
+from skinbus.objects.pdo import Direction, pdo_numbers, readings_in
 from skinbus.objects.profile import SAMPLE_STATUS, has, index_of
 
 _make_frame = tuple.__new__
@@ -175,9 +175,10 @@ class TpdoService(Part):
     def _changed(self, number: int, sub: int) -> None:
         """Take over a parameter written at run time."""
         pdo = self.pdos[number]
-        was_valid, before = pdo.map.valid, pdo.map
+        before = pdo.map
         pdo.compile()
-        if not was_valid or _rhythm(before) != _rhythm(pdo.map):
+        rhythm = pdo.map.transmission_type, pdo.map.event_timer_ms
+        if not before.valid or rhythm != (before.transmission_type, before.event_timer_ms):
             self._start(pdo)
         self._sort()
         self._plan()
@@ -209,8 +210,3 @@ class TpdoService(Part):
                 self._every_sync.append((pdo.map.cob_id, pdo.pack, flags))
             else:
                 self._some_syncs.append(pdo)
-
-
-def _rhythm(pdo: PdoMap) -> tuple[int, int]:
-    """What starts a PDO anew when it changes."""
-    return pdo.transmission_type, pdo.event_timer_ms

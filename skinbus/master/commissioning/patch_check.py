@@ -7,6 +7,7 @@ arithmetic it is a script below, of the same name. A script returns a detail to 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from enum import Enum
 from itertools import pairwise
@@ -228,9 +229,13 @@ def _write(index: int, sub: int, value: int, size: int) -> Request:
 SYNC = Frame(cia.SYNC_ID, b"")
 
 
-def _as_eds(patch: PatchCheck, places: Iterable[tuple[int, int]], *, zero_is_any: bool = False) -> Check:
-    """Objects hold what the EDS says."""
+def _as_eds(patch: PatchCheck, pattern: str, *, zero_is_any: bool) -> Check:
+    """Objects whose index and sub-index match a pattern hold what the EDS says."""
+    objects = ((index, getattr(own, "subindices", (0,))) for index, own in patch.od.indices.items())
+    places = [(index, sub) for index, subs in objects for sub in subs]
     for index, sub in places:
+        if not re.fullmatch(pattern, f"{index:04X}:{sub:02X}"):
+            continue
         seen, wanted = (yield from _number(index, sub)), number_at(patch.od, index, sub)
         is_so = seen == wanted or (zero_is_any and not wanted)
         _need(is_so, f"0x{index:04X}:{sub:02X} is 0x{seen:X}; the EDS says 0x{wanted:X}")
@@ -253,15 +258,6 @@ def _spare_bits(patch: PatchCheck) -> int:
 
 
 # the rules
-
-
-def _communication(patch: PatchCheck) -> Check:
-    places = []
-    for pdo in tpdos(patch.od):
-        parameters = (cia.TPDO_COMMUNICATION, cia.PDO_COB_ID), (cia.TPDO_COMMUNICATION, cia.PDO_TYPE)
-        mapping = ((cia.TPDO_MAPPING, sub) for sub in range(len(pdo.entries) + 1))
-        places += [(base + pdo.number - 1, sub) for base, sub in (*parameters, *mapping)]
-    return _as_eds(patch, places)
 
 
 def _readings(patch: PatchCheck) -> Check:
@@ -411,7 +407,6 @@ def _limits(patch: PatchCheck) -> bytes:
 
 
 SCRIPTS: dict[str, Callable[[PatchCheck], Check]] = {
-    "PDO parameters": _communication,
     "readings": _readings,
     "new samples": _new_samples,
     "channels": _channels,
@@ -467,7 +462,7 @@ class Dialogue:
             reply: Reply = yield Request(index, cia.PDO_COB_ID, own.to_bytes(4, "little"))
             return cia.describe_abort(reply.abort) if reply.abort else ""
         if verb in ("eds", "fits"):
-            yield from _as_eds(self.patch, [_place(words[0])], zero_is_any=verb == "fits")
+            yield from _as_eds(self.patch, words[0], zero_is_any=verb == "fits")
         elif verb in COMMANDS:
             ns = BOOT_NS if verb in ("reset", "comm") else STEP_NS
             yield from self._hear(nmt_frame(COMMANDS[verb], self.node_id), ns=ns)
