@@ -82,7 +82,7 @@ class BusMaster:
         self._period_us = round(1e9 / arm.bus.rate_hz) // 1000
         self._is_stopped = False
         self._is_first = True  # not booted yet
-        self._data_ids = data_ids
+        self.data_ids = data_ids
         self._device_ids: frozenset[int] = frozenset()
         self._cob_ids: frozenset[int] = frozenset()
         self.device.on_write = self.network.obey
@@ -94,7 +94,7 @@ class BusMaster:
         device = self.device.cob_ids
         if device is not self._device_ids:
             self._device_ids = device
-            self._cob_ids = device | self.supervisor.cob_ids | self._data_ids | Contest.cob_ids
+            self._cob_ids = device | self.supervisor.cob_ids | self.data_ids | Contest.cob_ids
         return self._cob_ids
 
     @property

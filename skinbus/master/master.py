@@ -114,7 +114,6 @@ class Master(Core):
             from skinbus.master.robot import MasterRobot  # nobody else pays for it
 
             self.robot = MasterRobot(arm, devices)
-        self._data_ids = plan.cob_ids_on
         self._stopwatch = stopwatch
         self._on_cycle = on_cycle
         self._compute_ns = 0
@@ -145,7 +144,7 @@ class Master(Core):
 
     def data_ids_on(self, bus: int) -> frozenset[int]:
         """Identifiers that carry readings on a bus."""
-        return self._data_ids[bus]
+        return self.branches[bus].data_ids
 
     @property
     def n_owed(self) -> int:

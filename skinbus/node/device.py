@@ -50,8 +50,6 @@ FIRST_APPLICATION_OBJECT = 0x2000
 ON_COMMUNICATION_ERROR = {0: NmtState.PRE_OPERATIONAL, 2: NmtState.STOPPED}
 """State entered from OPERATIONAL for a value of 0x1029:01; others change nothing."""
 
-_make_step = tuple.__new__
-
 
 class Device(Core):
     """A device described by an object dictionary.
@@ -252,7 +250,7 @@ class Device(Core):
             wake_ns = self._next_ns()
         out, context.out = context.out, []
         events, context.events = context.events, []
-        return _make_step(Step, (out, events, wake_ns))
+        return Step(out, events, wake_ns)
 
     def _next_ns(self) -> int:
         return min([service.wake_ns for service in self._timed])

@@ -89,4 +89,4 @@ def row_of(node: Found, found: Match) -> tuple[str, ...]:
     names = " or ".join(found.names) or "none"
     names += "" if found.exact or not found.names else " (other revision)"
     serial = "-" if numbers[3] is None else str(numbers[3])
-    return str(node.node_id), state, ":".join(shown), serial, names, printable(node.texts.get("name", "-"))
+    return str(node.node_id), state, ":".join(shown), serial, names, printable(node.name)

@@ -145,6 +145,12 @@ class PatchCheck(ScriptCore):
         """Readings that answered each SYNC, in the order of the TPDOs."""
         self.beats: list[list[int]] = []
         """Times of heartbeats meanwhile (ns), by half."""
+        self.heard: list[Frame] = []
+        """What came since the newest step of a dialogue."""
+        self.error = 0
+        """Error register in the newest EMCY."""
+        self.value = b""
+        """What was read last."""
 
     @property
     def passed(self) -> bool:
@@ -178,7 +184,7 @@ class PatchCheck(ScriptCore):
         if not rule.steps:
             return SCRIPTS[rule.name](self)
         has_all = {int(word, 16) for word in rule.needs - {"store"}} <= {*self.od.indices}
-        return Dialogue(self).hold(rule.steps if has_all else ())
+        return self._hold(rule.steps if has_all else ())
 
     def sends(self, base: int, data: bytes | None = None) -> Callable[[Frame], bool]:
         """Return what identifies frames of a service of the patch (COB-ID less node-ID) with these data."""
@@ -199,6 +205,104 @@ class PatchCheck(ScriptCore):
         """Reset the patch, and wait for its boot-up message."""
         is_boot_up = self.sends(cia.HEARTBEAT_BASE, b"\0")
         yield from self.command(NmtCommand.RESET_NODE, BOOT_NS, is_boot_up)
+
+    def _hold(self, steps: Sequence[str]) -> Check:
+        """Go through the steps of a dialogue."""
+        self.heard, self.error, self.value = list[Frame](), 0, b""
+        yield from self._hear(nmt_frame(NmtCommand.PRE_OPERATIONAL, self.node_id))
+        for number, step in enumerate(steps, 1):
+            wrong = yield from self._take(*step.split())
+            _need(not wrong, f"step {number}, {step}: {wrong}")
+
+    def _hear(self, *send: Frame, ns: int = STEP_NS) -> Script[None]:
+        self.heard = yield Listen(ns, send=send)
+        for frame in filter(self.sends(cia.EMCY_BASE), self.heard):
+            _need(len(frame.data) == EMCY_LENGTH, f"EMCY {frame.data.hex(' ')}; wanted {EMCY_LENGTH} bytes")
+            self.error = frame.data[2]
+
+    def _take(self, verb: str, *words: str) -> Script[str]:
+        """Take a step; return what was wrong, nothing if it went well."""
+        if verb in ("read", "write"):
+            return (yield from self._transfer(verb, *words))
+        if verb in ("off", "on"):
+            index = int(words[0], 16)
+            cob_id = number_at(self.od, index, cia.PDO_COB_ID)
+            own = cob_id | cia.COB_ID_INVALID if verb == "off" else cob_id
+            reply: Reply = yield Request(index, cia.PDO_COB_ID, own.to_bytes(4, "little"))
+            return cia.describe_abort(reply.abort) if reply.abort else ""
+        if verb in ("eds", "fits"):
+            yield from _as_eds(self, words[0], zero_is_any=verb == "fits")
+        elif verb in COMMANDS:
+            ns = BOOT_NS if verb in ("reset", "comm") else STEP_NS
+            yield from self._hear(nmt_frame(COMMANDS[verb], self.node_id), ns=ns)
+        elif verb == "++":
+            yield from self._hear(ns=int(words[0]) * NS_PER_MS)
+        elif verb in ("->", ">>", "=>"):
+            frame = self._frame(words)
+            is_filled = verb == "->" and frame.can_id & ~0x7F in (cia.SDO_CLIENT_BASE, 0x780)
+            data = frame.data.ljust(8, b"\0") if is_filled else frame.data
+            yield from self._hear(frame._replace(data=data, flags=RTR if verb == "=>" else 0))
+        elif verb == "^^":
+            return self._first(self._frame(words))
+        elif verb == "x":
+            n = sum(map(self.sends(self._frame(words[2:]).can_id - self.node_id), self.heard))
+            return "" if int(words[0]) <= n <= int(words[1]) else f"came {n} times"
+        else:
+            return self._compare(verb, self._frame(words))
+        return ""
+
+    def _frame(self, words: Sequence[str]) -> Frame:
+        base, plus, _ = words[0].partition("+n")
+        return Frame(int(base, 16) + self.node_id * bool(plus), self._bytes(" ".join(words[1:])))
+
+    def _bytes(self, text: str) -> bytes:
+        """Return the bytes that words of a step spell."""
+        letters = {"n": bytes([self.node_id]), "v": self.value, "r": bytes([self.error])}
+        if "l" in text:
+            letters["l"] = _limits(self)
+        for letter, data in letters.items():
+            text = text.replace(letter, data.hex())
+        spelled = bytearray.fromhex(text.strip("=&^ "))
+        if "^" in text:
+            spelled[-1] ^= 1
+        return bytes(spelled)
+
+    def _first(self, wanted: Frame) -> str:
+        """Return what is wrong unless, but for other heartbeats, this came first of its frames, and once."""
+        own = [frame for frame in self.heard if frame.can_id & 0x7F == self.node_id]
+        came = [(f.can_id, f.data) for f in own if f.can_id != wanted.can_id or f.data == wanted.data]
+        n = came.count((wanted.can_id, wanted.data))
+        if n != 1:
+            return f"came {n} times"
+        can_id, data = came[0]
+        return "" if can_id == wanted.can_id else f"0x{can_id:03X} {data.hex(' ')} came before it"
+
+    def _compare(self, verb: str, wanted: Frame) -> str:
+        """Return what is wrong with the frames that were heard with an identifier."""
+        came = [frame.data for frame in self.heard if frame.can_id == wanted.can_id and not frame.flags & RTR]
+        n, is_exact = len(came), verb == "=="
+        is_right = came and (came[-1] == wanted.data if is_exact else came[-1].startswith(wanted.data))
+        if verb == "--":
+            return f"came {n} times" if came else ""
+        if verb != "~~" and n != 1:
+            return f"came {n} times"
+        return "" if is_right else f"came as {came[-1].hex(' ') if came else 'nothing'}"
+
+    def _transfer(self, verb: str, place: str, *words: str) -> Script[str]:
+        """Read or write; an exclamation mark asks for an abort, by one of the codes after it if there are."""
+        values, mark, codes = " ".join(words).partition("!")
+        data = self._bytes(values)
+        reply: Reply = yield Request(*_place(place), None if verb == "read" else data)
+        self.value = reply.data
+        if mark and not reply.abort:
+            return "was accepted"
+        wanted = [int(code, 16) for code in codes.split()]
+        if reply.abort and (not mark or reply.is_silent or (wanted and reply.abort not in wanted)):
+            return cia.describe_abort(reply.abort)
+        is_so = mark or verb == "write" or reply.data.startswith(data)
+        if "&" in values:
+            is_so = any(a & b for a, b in zip(reply.data, data, strict=False))
+        return "" if is_so else f"is {reply.data.hex(' ')}"
 
 
 # parts of rules
@@ -425,115 +529,6 @@ COMMANDS = {
     "reset": NmtCommand.RESET_NODE,
     "comm": NmtCommand.RESET_COMMUNICATION,
 }
-
-
-class Dialogue:
-    """A dialogue with one board."""
-
-    def __init__(self, patch: PatchCheck) -> None:
-        self.patch, self.node_id = patch, patch.node_id
-        self.heard: list[Frame] = []
-        self.error = 0
-        """Error register in the newest EMCY."""
-        self.value = b""
-        """What was read last."""
-
-    def hold(self, steps: Sequence[str]) -> Check:
-        """Go through the steps."""
-        yield from self._hear(nmt_frame(NmtCommand.PRE_OPERATIONAL, self.node_id))
-        for number, step in enumerate(steps, 1):
-            wrong = yield from self._take(*step.split())
-            _need(not wrong, f"step {number}, {step}: {wrong}")
-
-    def _hear(self, *send: Frame, ns: int = STEP_NS) -> Script[None]:
-        self.heard = yield Listen(ns, send=send)
-        for frame in filter(self.patch.sends(cia.EMCY_BASE), self.heard):
-            _need(len(frame.data) == EMCY_LENGTH, f"EMCY {frame.data.hex(' ')}; wanted {EMCY_LENGTH} bytes")
-            self.error = frame.data[2]
-
-    def _take(self, verb: str, *words: str) -> Script[str]:
-        """Take a step; return what was wrong, nothing if it went well."""
-        if verb in ("read", "write"):
-            return (yield from self._transfer(verb, *words))
-        if verb in ("off", "on"):
-            index = int(words[0], 16)
-            cob_id = number_at(self.patch.od, index, cia.PDO_COB_ID)
-            own = cob_id | cia.COB_ID_INVALID if verb == "off" else cob_id
-            reply: Reply = yield Request(index, cia.PDO_COB_ID, own.to_bytes(4, "little"))
-            return cia.describe_abort(reply.abort) if reply.abort else ""
-        if verb in ("eds", "fits"):
-            yield from _as_eds(self.patch, words[0], zero_is_any=verb == "fits")
-        elif verb in COMMANDS:
-            ns = BOOT_NS if verb in ("reset", "comm") else STEP_NS
-            yield from self._hear(nmt_frame(COMMANDS[verb], self.node_id), ns=ns)
-        elif verb == "++":
-            yield from self._hear(ns=int(words[0]) * NS_PER_MS)
-        elif verb in ("->", ">>", "=>"):
-            frame = self._frame(words)
-            is_filled = verb == "->" and frame.can_id & ~0x7F in (cia.SDO_CLIENT_BASE, 0x780)
-            data = frame.data.ljust(8, b"\0") if is_filled else frame.data
-            yield from self._hear(frame._replace(data=data, flags=RTR if verb == "=>" else 0))
-        elif verb == "^^":
-            return self._first(self._frame(words))
-        elif verb == "x":
-            n = sum(map(self.patch.sends(self._frame(words[2:]).can_id - self.node_id), self.heard))
-            return "" if int(words[0]) <= n <= int(words[1]) else f"came {n} times"
-        else:
-            return self._compare(verb, self._frame(words))
-        return ""
-
-    def _frame(self, words: Sequence[str]) -> Frame:
-        base, plus, _ = words[0].partition("+n")
-        return Frame(int(base, 16) + self.node_id * bool(plus), self._bytes(" ".join(words[1:])))
-
-    def _bytes(self, text: str) -> bytes:
-        """Return the bytes that words of a step spell."""
-        letters = {"n": bytes([self.node_id]), "v": self.value, "r": bytes([self.error])}
-        if "l" in text:
-            letters["l"] = _limits(self.patch)
-        for letter, data in letters.items():
-            text = text.replace(letter, data.hex())
-        spelled = bytearray.fromhex(text.strip("=&^ "))
-        if "^" in text:
-            spelled[-1] ^= 1
-        return bytes(spelled)
-
-    def _first(self, wanted: Frame) -> str:
-        """Return what is wrong unless, but for other heartbeats, this came first of its frames, and once."""
-        own = [frame for frame in self.heard if frame.can_id & 0x7F == self.node_id]
-        came = [(f.can_id, f.data) for f in own if f.can_id != wanted.can_id or f.data == wanted.data]
-        n = came.count((wanted.can_id, wanted.data))
-        if n != 1:
-            return f"came {n} times"
-        can_id, data = came[0]
-        return "" if can_id == wanted.can_id else f"0x{can_id:03X} {data.hex(' ')} came before it"
-
-    def _compare(self, verb: str, wanted: Frame) -> str:
-        """Return what is wrong with the frames that were heard with an identifier."""
-        came = [frame.data for frame in self.heard if frame.can_id == wanted.can_id and not frame.flags & RTR]
-        n, is_exact = len(came), verb == "=="
-        is_right = came and (came[-1] == wanted.data if is_exact else came[-1].startswith(wanted.data))
-        if verb == "--":
-            return f"came {n} times" if came else ""
-        if verb != "~~" and n != 1:
-            return f"came {n} times"
-        return "" if is_right else f"came as {came[-1].hex(' ') if came else 'nothing'}"
-
-    def _transfer(self, verb: str, place: str, *words: str) -> Script[str]:
-        """Read or write; an exclamation mark asks for an abort, by one of the codes after it if there are."""
-        values, mark, codes = " ".join(words).partition("!")
-        data = self._bytes(values)
-        reply: Reply = yield Request(*_place(place), None if verb == "read" else data)
-        self.value = reply.data
-        if mark and not reply.abort:
-            return "was accepted"
-        wanted = [int(code, 16) for code in codes.split()]
-        if reply.abort and (not mark or reply.is_silent or (wanted and reply.abort not in wanted)):
-            return cia.describe_abort(reply.abort)
-        is_so = mark or verb == "write" or reply.data.startswith(data)
-        if "&" in values:
-            is_so = any(a & b for a, b in zip(reply.data, data, strict=False))
-        return "" if is_so else f"is {reply.data.hex(' ')}"
 
 
 def _place(text: str) -> tuple[int, int]:

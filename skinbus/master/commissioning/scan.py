@@ -20,13 +20,6 @@ LISTEN_NS = 1_100_000_000
 """Heartbeats are waited for so long: their usual periods are 1 s and less."""
 
 
-TEXTS = (
-    ("name", cia.DEVICE_NAME),
-    ("hardware", cia.HARDWARE_VERSION),
-    ("software", cia.SOFTWARE_VERSION),
-)
-
-
 @dataclass(slots=True)
 class Found:
     """One node as it describes itself; a number is None when it was not answered."""
@@ -38,8 +31,8 @@ class Found:
     """Whether it answers SDO requests."""
     numbers: dict[str, int | None] = field(default_factory=dict)
     """By the names in ``NUMBERS``."""
-    texts: dict[str, str] = field(default_factory=dict)
-    """By the names in ``TEXTS``; those it has."""
+    name: str = "-"
+    """Of the device (0x1008), if it has one."""
     error_register: int | None = None
 
 
@@ -105,10 +98,9 @@ class Scanner(NodesCore[None]):
         reply = yield Request(cia.ERROR_REGISTER, 0)
         if not reply.abort and reply.data:
             node.error_register = reply.data[0]
-        for name, index in TEXTS:
-            reply = yield Request(index, 0)
-            if not reply.abort:
-                node.texts[name] = reply.data.decode("latin-1").rstrip("\0")
+        reply = yield Request(cia.DEVICE_NAME, 0)
+        if not reply.abort:
+            node.name = reply.data.decode("latin-1").rstrip("\0")
 
     def _hear(self, frame: Frame) -> None:
         can_id, data, node_id = frame.can_id, frame.data, frame.can_id & 0x7F

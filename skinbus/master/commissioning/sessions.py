@@ -70,11 +70,8 @@ class Listen(NamedTuple):
 
 def timeouts_of(arm: Arm) -> Timeouts:
     """Return the time-outs of the arm file; one thread serves all buses, so that an answer may wait."""
-    bus = arm.bus
-    return Timeouts(
-        sdo_ns=len(arm.buses) * bus.sdo_timeout_ms * NS_PER_MS,
-        store_ns=len(arm.buses) * bus.store_timeout_ms * NS_PER_MS,
-    )
+    each = arm.bus.sdo_timeout_ms, arm.bus.store_timeout_ms
+    return Timeouts(*(len(arm.buses) * ms * NS_PER_MS for ms in each))
 
 
 T = TypeVar("T")

@@ -23,7 +23,7 @@ def test_every_node_is_found_with_identity_and_state():
         assert list(node.numbers.values()) == said
         assert node.state is device.nmt_state
         assert node.answers
-        assert node.texts["name"] == device.get(cia.DEVICE_NAME)
+        assert node.name == device.get(cia.DEVICE_NAME)
         assert node.error_register == 0
 
 
