@@ -29,6 +29,9 @@ LATE_PERIODS = 6.25
 """Between the stop and the boot of a patch: one that is late by four of them is silent for ``GAP`` then. Not
 whole: after the end of a cycle its start would meet a SYNC, and might overtake it on the wire."""
 
+UNHEARD = EventKind.BUS_BACK, EventKind.BUS_OFF_END, EventKind.FRAMES_DROPPED
+"""Events after which somebody may have written to a patch without being heard."""
+
 
 class BusMaster:
     """The master on one bus: a CANopen node there, NMT master of the patches there.
@@ -180,6 +183,8 @@ class BusMaster:
             self.supervisor.bus_is_back(now_ns)
         elif event.kind is EventKind.SEND_QUEUE_FULL_END and not self.is_lost:
             self.supervisor.bus_is_back(now_ns)  # nothing could be asked, no SYNC came
+        if event.kind in UNHEARD and self._guarding:
+            self._guarding.forget()
         self.alarms.step(now_ns, [event])
         self.wake_ns = 0
 

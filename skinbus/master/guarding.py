@@ -97,6 +97,10 @@ class Guarding:
             yield from write_back("guard limits", *self._address[p], self.limits(p).encode())
             self._held[here] = zero
 
+    def forget(self) -> None:
+        """Write all limits anew: somebody may have written others."""
+        self._held[:] = np.nan
+
     def show(self, now_ns: int, device: Device) -> list[Event]:
         """Compare limits with zeros; report which patches do not guard, when others do not than before.
 
@@ -112,7 +116,8 @@ class Guarding:
         off = np.maximum(total, np.maximum.reduceat(np.where(self._limited, share, 0.0), first))
         is_touched = np.logical_or.reduceat(self._touched != 0, first)
         is_blind = np.logical_or.reduceat(self._limited & (self._faults != 0), first)
-        self.due = np.flatnonzero((guarded & ~(off <= FOLLOWED) & ~is_touched)[own]).tolist()
+        is_due = np.isnan(off) | ((off > FOLLOWED) & ~is_touched)
+        self.due = np.flatnonzero((guarded & is_due)[own]).tolist()
         lacking = (guarded & ~(self._table.is_running & (off <= DIFFERENT) & ~is_blind))[own]
         if np.array_equal(lacking, self._lacking):
             return []

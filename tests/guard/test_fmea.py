@@ -7,6 +7,7 @@ import pytest
 
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
+from skinbus.config.system import load_arm
 from skinbus.guard.watch import Phase, RegionForces
 from skinbus.objects.guard import GuardLimits
 from tests.guard.rig import GFC, LOST, MS
@@ -48,26 +49,22 @@ def bus_off(whole):
     whole.ports[0].error_counter = 256
 
 
-def say(whole, *frames):
-    whole.bus.submit(whole.drive_port, whole.now_ns, frames)
-
-
 def write_limits(whole, damage=0):
     """Somebody writes limits that nothing exceeds; then it is pressed."""
     data = GuardLimits(1, 1, 2**31 - 1, np.full(16, 32767), np.ones(16, int)).encode()
-    whole.bus.attach(Tool(1, [(0x2081, 0, bytes([data[0] ^ damage]) + data[1:])]))
+    whole.join(Tool(1, [(0x2081, 0, bytes([data[0] ^ damage]) + data[1:])]))
     whole.run(5)
     press(whole)
 
 
 def babble(whole, can_id):
     """Somebody fills the bus; it is pressed."""
-    whole.bus.attach(Talker(Frame(can_id, bytes(8)), 100_000))
+    whole.join(Talker(Frame(can_id, bytes(8)), 100_000))
     press(whole)
 
 
 def double(whole):
-    whole.wire(0).attach(whole.board(0))
+    whole.join(whole.board(0))
 
 
 def master_dies(whole):
@@ -78,7 +75,7 @@ def master_dies(whole):
 def master_hangs(whole):
     """It beats, and zeros drift by 10 kPa in an hour that is not waited for."""
     master_dies(whole)
-    whole.bus.attach(Talker(Frame(0x77F, b"\x05"), 500 * MS))
+    whole.join(Talker(Frame(0x77F, b"\x05"), 500 * MS))
     whole.press(np.arange(16), 10.0)
 
 
@@ -122,8 +119,8 @@ SEEN = {
     "samples are old": (age, TRIP),
     "a patch loses power, or its cable": (no_power, SILENCE),
     "a patch goes bus-off": (bus_off, SILENCE),
-    "somebody resets a patch": (lambda w: say(w, Frame(0, b"\x81\x01")), SILENCE),
-    "somebody makes a patch PRE-OPERATIONAL": (lambda w: say(w, Frame(0, b"\x80\x01")), SILENCE),
+    "somebody resets a patch": (lambda w: w.say(Frame(0, b"\x81\x01")), SILENCE),
+    "somebody makes a patch PRE-OPERATIONAL": (lambda w: w.say(Frame(0, b"\x80\x01")), SILENCE),
     "somebody writes other limits": (write_limits, SILENCE),
     "somebody writes damaged limits": (lambda w: write_limits(w, 1), SILENCE),
     "a node babbles": (lambda w: babble(w, 0x002), TRIP),
@@ -149,7 +146,7 @@ ELSEWHERE = {"a touch between boards, or on no skin", "a cover passes a force on
 @pytest.fixture
 def whole(tmp_path):
     (tmp_path / "arm.toml").write_text(PLATE)
-    whole = Whole(tmp_path / "arm.toml").until_guarding()
+    whole = Whole(load_arm(tmp_path / "arm.toml")).until_guarding()
     whole.run(700)  # and the master has heard of everybody
     return whole
 

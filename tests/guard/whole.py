@@ -4,11 +4,11 @@ from functools import partial
 
 import numpy as np
 
-from skinbus.can.core import Core, Step
-from skinbus.can.event import EventKind
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.can.virtual_buses import VirtualBuses
-from skinbus.config.system import load_arm, ods_of
+from skinbus.config.system import ods_of
 from skinbus.guard.stops import parse_stop
 from skinbus.guard.watch import Guard, Phase
 from skinbus.master import Master
@@ -16,14 +16,14 @@ from skinbus.node import Device, PatchHost, Sample
 from tests.guard.rig import GFC, MS, QUICK_STOP
 from tests.master.misbehaving import Wrapped
 
-LIVENESS_MS = 20
+LIVENESS_MS, KPA = 20, 30
 GUARD = f"""
 [guard]
 liveness_ms = {LIVENESS_MS}
 [[guard.region]]
 name = "boards"
 patches = {{patches}}
-pressure_kpa = 30
+pressure_kpa = {KPA}
 force_n = 60
 source = "a test"
 """
@@ -83,8 +83,8 @@ class Talker(Core):
 class Whole:
     """All of them; the drive is on the first bus."""
 
-    def __init__(self, path, seed=0, **settings):
-        self.arm, rng = load_arm(path), np.random.default_rng(seed)
+    def __init__(self, arm, seed=0):
+        self.arm, rng = arm, np.random.default_rng(seed)
         self.ods = ods_of(self.arm)
         buses = self.arm.buses
         self.wires = VirtualBuses(
@@ -93,11 +93,14 @@ class Whole:
         self.counts = np.zeros(self.arm.n_tactels, np.int32)
         self.healthy = np.ones(self.arm.n_tactels, np.bool_)
         self.age_ns, self.frozen_ns = 0, None
+        self.strangers = []
+        self.again_ns, self.crossed_ns = 0, {}
+        """When a board was first pressed beyond its limits while it guarded."""
         self.scans = [[] for _ in self.ods]
         """When each board has looked at its tactels, ns."""
         self.boards = [self.board(p, 1e-3 * rng.uniform(5, 50)) for p in range(self.arm.n_patches)]
         self.ports = [self.wire(p).attach(board) for p, board in enumerate(self.boards)]
-        self.master = Master(self.arm, level="kmeans", **settings)
+        self.master = Master(self.arm, level="kmeans")
         self.master_ports = self.wires.attach(self.master)
         self.frames, self.events = [], []
         self.plug = Plug(self.new_guard())
@@ -139,19 +142,58 @@ class Whole:
     def run(self, ms):
         self.wires.run(self.now_ns + round(ms * MS))
 
-    def until_guarding(self, ms=5000):
-        """Let time pass until it guards; return this."""
-        for _ in range(ms // 10):
+    def until_guarding(self, ms=10):
+        """Let time pass until it has guarded for so long; return this."""
+        since_ns = NEVER
+        while self.now_ns < since_ns + ms * MS:
+            assert self.now_ns < self.again_ns + 8000 * MS, f"does not guard: {self.events[-3:]}"
             self.run(10)
-            if self.guard.phase is Phase.GUARDING:
-                return self
-        raise AssertionError(f"does not guard: {self.events[-3:]}")
+            if self.guard.phase is Phase.STOPPED:  # by what was broken before
+                self.renew()
+            since_ns = NEVER if self.guard.phase is not Phase.GUARDING else min(since_ns, self.now_ns)
+        return self
+
+    def join(self, core):
+        """Let a stranger onto the first bus, until it is repaired."""
+        self.strangers.append(self.bus.attach(core))
+
+    def say(self, *frames):
+        """Let somebody say something on the first bus."""
+        self.bus.submit(self.drive_port, self.now_ns, frames)
+
+    def repair(self):
+        """Undo what was done to anybody, on one bus."""
+        for plug in (*self.boards, self.plug):
+            plug.repair()
+        self.healthy, self.age_ns, self.frozen_ns = np.ones_like(self.healthy), 0, None
+        for port in self.strangers:
+            self.bus.detach(port)
+        if not self.master_ports[0].attached:  # it sees so, and then that the bus is back
+            for kind in (EventKind.BUS_LOST, EventKind.BUS_BACK):
+                self.master.bus_news(self.now_ns, Event(t_ns=self.now_ns, kind=kind))
+        for port in (*self.ports, *self.master_ports, *self.guard_ports, self.drive_port):
+            self.bus.restart(port)
+        self.again()
+
+    def again(self):
+        """Let nothing press, and another guard begin."""
+        self.again_ns = self.now_ns
+        self.counts = np.zeros_like(self.counts)
+        self.renew()
+
+    def renew(self):
+        """Let another guard wait until all are armed: it takes trips back."""
+        self.plug.device, self.crossed_ns = self.new_guard(), {}
+        del self.frames[:], self.events[:]
 
     def press(self, tactels, kpa):
-        """Press on some tactels alone; none of them is pressed any more with 0."""
+        """Press on some tactels, too."""
         steps = np.array([placed.patch.transducer.step for placed in self.arm.patches])
-        self.counts = np.zeros_like(self.counts)
+        self.counts = self.counts.copy()
         self.counts[tactels] = np.rint(1e3 * kpa / steps[self.arm.tactel_patch[tactels]])
+        if kpa > KPA and self.guard.phase is Phase.GUARDING:
+            for p in np.unique(self.arm.tactel_patch[tactels]).tolist():
+                self.crossed_ns.setdefault(p, self.now_ns)
 
     def gfc_ns(self):
         """When frames of a stop ended."""

@@ -4,7 +4,7 @@ starts, follow its zeros, and it is said when they do not."""
 import numpy as np
 import pytest
 
-from skinbus.can.event import EventKind
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master import Master
@@ -222,6 +222,19 @@ def test_a_patch_whose_limits_another_client_writes_is_booted_again(rig):
     assert rig.state(1) == PatchState.BOOTING
     rig.run(2000)
     assert rig.state(1) == PatchState.OPERATIONAL
+
+
+def test_limits_are_written_anew_when_somebody_may_have_written_unheard(rig):
+    rig.run(3000)
+    first = held(rig, 1)
+    rig.patches.is_cut = True
+    rig.device(1).set(0x2081, 0, GuardLimits(1, 1, 2**31 - 1, np.full(16, 32767), np.ones(16, int)).encode())
+    rig.run(100)
+    rig.patches.is_cut = False
+    for kind in (EventKind.BUS_LOST, EventKind.BUS_BACK):
+        rig.master.bus_news(rig.wire.now_ns, Event(t_ns=rig.wire.now_ns, kind=kind))
+    assert news(rig, 3000) == ["patches 1, 2", ""]
+    assert held(rig, 1) == first
 
 
 def test_each_bus_has_its_own_patches_and_says_so(tmp_path):

@@ -1,0 +1,110 @@
+"""Random faults and presses on a guarded arm, and ordinary work, for `python -m tests.bench.guard`."""
+
+import numpy as np
+
+from skinbus.can.core import NEVER
+from skinbus.can.frame import Frame
+from skinbus.config.arm_file import find_arm
+from skinbus.config.system import load_arm
+from skinbus.sim import load_scene
+from skinbus.sim.sampler import Sampler
+from tests.guard.rig import LOST, MASTER_LOST, MS
+from tests.guard.test_fmea import SEEN
+from tests.guard.whole import GUARD, KPA, PLATE, Whole
+
+BOUND_NS = 1_500_000
+"""From a crossing to GFC on the wire."""
+FRESH = 50
+"""After so many trials everybody is new."""
+SETTLED_MS = 300
+"""So long it must have guarded before the next trial."""
+SHARED = {
+    "scribble",
+    "a node babbles with the identifier 0",
+    "the bus of the guard process is lost",
+    "two boards have one node-ID",
+}
+"""Faults that concern both boards; the others concern the first."""
+
+
+def scribble(whole, rng):
+    """Somebody says anything to or as anybody, often about the guard."""
+    for _ in range(rng.integers(1, 20)):
+        word = rng.choice([0x2081, 0x2080, 0x1808, 0x1A08, rng.integers(0x1000, 0x7000)])
+        request = bytes([rng.choice([0x22, 0x2F, 0x2B, 0x23, 0x21])]) + int(word).to_bytes(2, "little")
+        to_patch = Frame(int(rng.choice([0x601, 0x602])), request + rng.bytes(5))
+        whole.say(to_patch, Frame(int(rng.integers(2, 0x800)), rng.bytes(rng.integers(9))))
+
+
+def play_faults(folder, n, seed=0):
+    """Return how many faults and crossings n trials had, and what was wrong.
+
+    A trial is up to two faults and a press, each up to 30 ms after the one before. Where a fault may have
+    cut off the board that is pressed, or has in the trial before, the stop may come with its silence.
+    """
+    (folder / "plate.toml").write_text(PLATE)
+    arm = load_arm(folder / "plate.toml")
+    n_faults, n_crossings, wrong, names = 0, 0, [], []
+    rng, causes = np.random.default_rng(seed), [name for name in SEEN if "contact" not in name]
+    for k in range(n):
+        if k % FRESH == 0:
+            whole = Whole(arm, k)
+        whole.repair()
+        try:
+            whole.until_guarding(SETTLED_MS)
+        except AssertionError:  # somebody has changed for good what a patch sends
+            whole = Whole(arm, k).until_guarding(SETTLED_MS)
+        before, names = names, rng.choice([*causes, "scribble"], rng.integers(3)).tolist()
+        for name in rng.permutation([*names, "press"]).tolist():
+            whole.run(rng.uniform(0.0, 30.0))
+            if name == "press":
+                whole.press([int(rng.integers(32))], KPA + rng.choice([-1.0, 1.0, 15.0]))
+            elif name == "scribble":
+                scribble(whole, rng)
+            else:
+                SEEN[name][0](whole)
+        extra_ns = MASTER_LOST if "the master dies" in names else LOST  # somebody may write limits meanwhile
+        whole.run((extra_ns + 10 * MS) / MS)
+        n_faults, n_crossings = n_faults + len(names), n_crossings + len(whole.crossed_ns)
+        stopped_ns = min(whole.stops_ns(), default=NEVER)
+        for p, at_ns in whole.crossed_ns.items():
+            is_cut_off = before or (names and p == 0) or not SHARED.isdisjoint(names)
+            if stopped_ns > at_ns + BOUND_NS + extra_ns * bool(is_cut_off):
+                wrong.append(f"trial {k}, {names}, board {p + 1}: {(stopped_ns - at_ns) / MS:.2f} ms")
+        if stopped_ns < NEVER and not (names or before or whole.crossed_ns):
+            wrong.append(f"trial {k}: {whole.guard.reason}")
+    return n_faults, n_crossings, wrong
+
+
+class Scene(Whole):
+    """An arm on which a scene takes place, sampled each millisecond."""
+
+    def __init__(self, arm, scene):
+        self.sampled_ns, self.nearest, self.sampler = 0, 0.0, Sampler(scene)
+        super().__init__(arm)
+
+    def newest(self, p, now_ns):
+        if now_ns >= self.sampled_ns + MS:
+            self.sampled_ns = now_ns
+            self.sampler.sample(1e-9 * now_ns)
+            self.counts = self.sampler.counts
+            self.nearest = max(self.nearest, self.sampler.pressures.max() / (1e3 * KPA))
+        return super().newest(p, now_ns)
+
+
+def load_forearm(folder, changes=()):
+    """Return the shipped forearm of 24 boards with a guard, and with other words."""
+    text = find_arm("forearm").read_text() + GUARD.format(patches=[*range(1, 25)])
+    for old, new in changes:
+        text = text.replace(old, new)
+    (folder / "arm.toml").write_text(text)
+    return load_arm(folder / "arm.toml")
+
+
+def play_quiet(folder, seconds):
+    """Return the samples of a scene that drifts, the largest as a share of its limit, and why it stopped."""
+    arm = load_forearm(folder)
+    whole = Scene(arm, load_scene("cold-start-drift", arm=arm)).until_guarding(700)
+    n = -sum(map(len, whole.scans))
+    whole.run(1000 * seconds)
+    return n + sum(map(len, whole.scans)), whole.nearest, whole.guard.reason
