@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm
 from skinbus.guard.watch import Phase, RegionForces
@@ -158,13 +157,6 @@ def test_a_fault_is_a_stop_in_time(whole, name):
     cause(whole)
     whole.run(begun_ns / MS + within_ms - whole.now_ns / MS)
     assert whole.guard.phase is Phase.STOPPED, name
-
-
-def test_a_drive_that_does_not_answer_is_told_again_and_that_is_said(whole):
-    no_drive(whole)
-    whole.run(200)
-    assert len(whole.told_ns()) == 4
-    assert [event.kind for event in whole.events].count(EventKind.NOT_CONFIRMED) == 3
 
 
 @pytest.mark.parametrize("name", UNSEEN)

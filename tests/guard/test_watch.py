@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from skinbus.can.event import EventKind
 from skinbus.can.frame import ERROR, EXTENDED, RTR, Frame
@@ -16,7 +14,6 @@ from tests.guard.rig import (
     GFC,
     IDLE,
     LOST,
-    MASTER_LOST,
     MS,
     PERIOD,
     QUICK_STOP,
@@ -53,18 +50,6 @@ def test_a_frame_of_liveness_may_be_lost_and_two_may_not(name):
         rig.step(*rig.well(k), after=1)
         assert rig.is_stopped
         assert rig.guard.reason == f"patch {rig.arm.node_label(int(rig.arm.bus_start[k]))} silent"
-
-
-@BOTH
-def test_a_master_without_heartbeat_is_a_stop(name):
-    for k in range(len(ARMS[name].buses)):
-        rig = Rig(name).guarding()
-        for _ in range(MASTER_LOST // PERIOD):
-            rig.step(*rig.well(len(rig.patches) + k), after=PERIOD)
-            assert not rig.is_stopped
-        rig.step(*rig.well(len(rig.patches) + k), after=PERIOD)
-        assert rig.is_stopped
-        assert rig.guard.reason.startswith("master")
 
 
 @pytest.mark.parametrize(
@@ -111,22 +96,6 @@ def test_who_and_where_is_said_when_it_comes():
     assert told == ["tactel 5 reads 10000 counts", "tripped by tactel 5"]
 
 
-def test_an_order_to_end_stops_what_is_guarded_and_nothing_else():
-    rig = Rig()
-    rig.guard.is_ending = True
-    rig.step(*rig.well())
-    assert not rig.is_stopped
-    assert not rig.guard.last_frames(rig.now_ns)
-    for is_ordered in (False, True):
-        rig = Rig().guarding()
-        rig.guard.is_ending = is_ordered
-        if is_ordered:
-            rig.step()
-            assert rig.is_stopped
-        else:  # the process ends by a fault
-            assert [frame[:2] for frame in rig.guard.last_frames(rig.now_ns)] == [QUICK_STOP]
-
-
 @pytest.mark.parametrize(
     "frame",
     [
@@ -144,14 +113,6 @@ def test_frames_that_are_not_for_it_change_nothing(frame):
     assert not rig.is_stopped
     rig.step(frame, after=LOST + 1)  # and are no sign of life
     assert rig.is_stopped
-
-
-def test_it_hears_what_it_needs():
-    rig = Rig("arm-two-buses")
-    for bus, node_id, cob_id in rig.patches:
-        drive = {0x5E4} if bus == rig.last_bus else set()
-        needed = {GFC, cob_id, 0x80 + node_id, 0x77F, 0x580 + node_id}
-        assert rig.guard.cob_ids_on(bus) == needed | drive
 
 
 def test_trips_from_before_are_taken_back_if_that_is_wished():
@@ -221,37 +182,14 @@ def test_stale_or_vanished_contacts_are_said_and_a_stop_only_where_they_are_want
         assert rig.guard.reason == ("contacts silent" if is_wanted else "")
 
 
-WHAT = ["well"] * 9 + ["tripped", "idle", "gfc", "silence", "press", "answer", "abort", "end"]
-
-
-@settings(max_examples=200, deadline=None)
-@given(
-    st.lists(st.tuples(st.sampled_from(WHAT), st.integers(1, 60 * MS)), max_size=60), st.sampled_from([*ARMS])
-)
-def test_stopped_is_for_ever_and_only_what_is_well_is_guarded(steps, name):
-    rig = Rig(name)
-    ranks, order, well_ns, told_ns = [0], [*Phase], -LOST, 0
-    for what, after in steps:
-        frames = {
-            "well": rig.well(),
-            "tripped": [rig.state(-1, TRIPPED, 1)],
-            "idle": [rig.state(-1, IDLE)],
-            "gfc": [Frame(GFC, bus=rig.last_bus)],
-            "answer": [rig.answer()],
-            "abort": [rig.answer("8040600000000206")],
-        }
-        rig.guard.is_ending |= what == "end"
-        if what == "press":
-            rig.press(25.0, after=after)
-        else:
-            rig.step(*frames.get(what, ()), after=after)
-        well_ns = rig.now_ns if what in ("well", "press") else well_ns
-        ranks.append(order.index(rig.guard.phase))
-        assert ranks[-1] == 2 or what != "gfc"
-        assert ranks[-1] != 1 or (
-            rig.now_ns - well_ns <= LOST and what in ("well", "silence", "answer", "abort")
-        )
-        if rig.is_stopped:
-            told_ns = max(frame.t_ns for frame in rig.sent if frame[:2] == QUICK_STOP)
-            assert rig.now_ns - told_ns <= 1060 * MS  # a second after it was confirmed, and a step
-    assert ranks == sorted(ranks)
+def test_stopped_is_for_ever_and_an_order_to_end_is_no_stop_while_it_waits():
+    rig = Rig().guarding()
+    rig.step(Frame(GFC))
+    for _ in range(100):
+        rig.step(rig.answer(), *rig.well(), after=PERIOD)
+        assert rig.is_stopped
+    rig = Rig()
+    rig.guard.is_ending = True
+    rig.step(*rig.well())
+    assert not rig.is_stopped
+    assert not rig.guard.last_frames(rig.now_ns)

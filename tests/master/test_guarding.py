@@ -5,15 +5,12 @@ import numpy as np
 import pytest
 
 from skinbus.can.event import Event, EventKind
-from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master import Master
 from skinbus.master.guarding import DIFFERENT, Guarding
 from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.objects.cia import EmcyCode
 from skinbus.objects.guard import GuardLimits
-from tests.master.buses_rig import ARM as ARM_ON_BUSES
-from tests.master.buses_rig import BusesRig, write_scene
 from tests.master.rig import Rig
 
 DEAD = 5
@@ -215,15 +212,6 @@ def test_a_patch_that_does_not_hold_its_limits_is_not_started(rig):
     assert rig.state(1) == PatchState.OPERATIONAL
 
 
-def test_a_patch_whose_limits_another_client_writes_is_booted_again(rig):
-    rig.run(3000)
-    rig.say(Frame(0x601, bytes.fromhex("2f 81 20 00 00 00 00 00")))
-    rig.run(60)
-    assert rig.state(1) == PatchState.BOOTING
-    rig.run(2000)
-    assert rig.state(1) == PatchState.OPERATIONAL
-
-
 def test_limits_are_written_anew_when_somebody_may_have_written_unheard(rig):
     rig.run(3000)
     first = held(rig, 1)
@@ -235,21 +223,6 @@ def test_limits_are_written_anew_when_somebody_may_have_written_unheard(rig):
         rig.master.bus_news(rig.wire.now_ns, Event(t_ns=rig.wire.now_ns, kind=kind))
     assert news(rig, 3000) == ["patches 1, 2", ""]
     assert held(rig, 1) == first
-
-
-def test_each_bus_has_its_own_patches_and_says_so(tmp_path):
-    guard = '[guard]\n[[guard.region]]\nname = "all"\nforce_n = 50\nsource = "a test"\n'
-    scene = write_scene(tmp_path, [])
-    (tmp_path / "arm.toml").write_text(ARM_ON_BUSES + guard)
-    rig = BusesRig(scene)
-    rig.run(3000)
-    written = [GuardLimits.decode(device.get(0x2081, 0), 16) for device in rig.world.devices]
-    assert [(limits.weights > 0).all() for limits in written] == [True, True]
-    said = [(e.kind, e.bus, e.detail) for e in rig.events if "guarding" in e.kind]
-    assert {(kind, bus) for kind, bus, _ in said[-2:]} == {
-        (EventKind.NOT_GUARDING_END, bus) for bus in (0, 1)
-    }
-    assert {(bus, detail) for _, bus, detail in said[:-2]} == {(0, "patches 1"), (1, "patches 1")}
 
 
 def test_an_arm_without_limits_boots_and_runs_without_a_word_of_the_guard():

@@ -2,16 +2,12 @@
 
 import pytest
 
-from skinbus.can.core import NEVER
-from skinbus.can.frame import Frame
-from skinbus.can.virtual_bus import VirtualBus
 from skinbus.config.arm_file import find_arm
 from skinbus.config.system import load_arm
 from skinbus.planning.guard import guard_bound
 from skinbus.planning.plan import plans
 from skinbus.planning.schedule import Release
 from tests.cli.invoke import run
-from tests.planning.test_schedule import Talker, longest
 
 GUARD = """
 [guard]
@@ -87,24 +83,6 @@ def test_the_state_of_a_guard_is_part_of_the_traffic(tmp_path):
     (state,) = [m for m in plan.traffic.messages if m.name.endswith("TPDO 9")]
     assert (state.period_ns, state.bits, state.release) == (50_000_000, 75, Release.SPORADIC)
     assert not plan.traffic.unpaced
-
-
-def test_the_wire_in_the_critical_instant_stays_below_the_bound_and_near_it(tmp_path):
-    """One bit before 24 patches say GFC at once a long frame has begun; NMT comes with it."""
-    (bound,) = bounds(guarded(tmp_path, "forearm"))
-    wire_ns = sum(part.ns for part in bound.parts[3:] if part.name != "bit error")
-    begin, ends = 1_000_000, {}
-    wire = VirtualBus(1_000_000)
-    wire.tap(lambda frame: ends.setdefault(frame.can_id, frame.t_ns))
-    for core in (
-        Talker(begin - 1000, [longest(0x57F, 8)]),
-        Talker(begin, [longest(0, 2)]),
-        *(Talker(begin, [Frame(1, b""), longest(0x80 + node_id, 8)]) for node_id in range(1, 25)),
-        Talker(NEVER, []),
-    ):
-        wire.attach(core)
-    wire.run(begin + 2_000_000)
-    assert 0.9 * wire_ns <= ends[1] - begin <= wire_ns
 
 
 def test_the_command_says_what_is_assumed(tmp_path):

@@ -1,17 +1,41 @@
-"""Random faults and presses on a guarded arm, and ordinary work, for `python -m tests.bench.guard`."""
+"""Presses, random faults and ordinary work on guarded arms, for `python -m tests.bench.guard`."""
 
 import numpy as np
 
 from skinbus.can.core import NEVER
-from skinbus.can.frame import Frame
+from skinbus.can.frame import LONG, Frame
 from skinbus.config.arm_file import find_arm
 from skinbus.config.system import load_arm
+from skinbus.planning.guard import guard_bound
+from skinbus.planning.plan import plans
 from skinbus.sim import load_scene
 from skinbus.sim.sampler import Sampler
-from tests.guard.rig import LOST, MASTER_LOST, MS
+from tests.guard.rig import ARMED, LOST, MASTER_LOST, MS
 from tests.guard.test_fmea import SEEN
 from tests.guard.whole import GUARD, KPA, PLATE, Whole
+from tests.planning.test_schedule import Talker, longest
 
+TWO = '[[bus]]\nname = "a"\n[[bus]]\nname = "b"\n'
+ARMS = {
+    "1 Mbit/s": (52.0, ()),
+    "CAN FD": (
+        70.0,
+        (
+            ("[arm]\n", "[arm]\ncanfd = true\ndata_bitrate = 2_000_000\n"),
+            ("first_node_id", 'eds = "skin-patch-fd"\nfirst_node_id'),
+        ),
+    ),
+    "two buses": (
+        70.0,
+        (
+            ("[[link]]", TWO + "[[link]]"),
+            ("first_node_id", 'bus = "a"\nfirst_node_id'),
+            ('bus = "a"\nfirst_node_id = 17', 'bus = "b"\nfirst_node_id = 17'),
+            ("bitrate = 1_000_000\n", ""),
+        ),
+    ),
+}
+"""The fastest SYNC beside 50 Hz, nearly what an arm file may say, and changes of the shipped forearm."""
 BOUND_NS = 1_500_000
 """From a crossing to GFC on the wire."""
 FRESH = 50
@@ -25,6 +49,59 @@ SHARED = {
     "two boards have one node-ID",
 }
 """Faults that concern both boards; the others concern the first."""
+
+
+def load_forearm(folder, changes=()):
+    """Return the shipped forearm of 24 boards with a guard, and with other words."""
+    text = find_arm("forearm").read_text() + GUARD.format(patches=[*range(1, 25)])
+    for old, new in changes:
+        text = text.replace(old, new)
+    (folder / "arm.toml").write_text(text)
+    return load_arm(folder / "arm.toml")
+
+
+class Trials:
+    """Presses on one arm at a SYNC rate; a time is how long after the press, ns."""
+
+    def __init__(self, folder, name, rate_hz):
+        arm = load_forearm(folder, [("rate_hz = 50.0", f"rate_hz = {rate_hz}"), *ARMS[name][1]])
+        self.whole, self.rng = Whole(arm).until_guarding(700), np.random.default_rng(1)
+        self.plans = plans(arm, {"kmeans": 0}, level="kmeans", response_ns=100_000)
+        self.bound_ns = max(guard_bound(plan, arm.guard).frame_ns for plan in self.plans)
+
+    def time(self, at_ns, tactels):
+        """Press at a time; return when GFC ended, the guard stopped, and the request to the drive ended."""
+        whole = self.whole
+        whole.wires.run(at_ns)
+        whole.press(tactels, 45.0)
+        whole.run(20)
+        found = [
+            min(times, default=NEVER) - at_ns for times in (whole.gfc_ns(), whole.stops_ns(), whole.told_ns())
+        ]
+        whole.again()
+        while any(whole.device(p).get(0x2080, 1) != ARMED for p in range(24)):
+            whole.run(10)
+        whole.run(self.rng.uniform(0.0, 20.0))
+        return found
+
+    def random(self):
+        """Press one tactel at any time."""
+        return self.time(self.whole.now_ns, self.rng.integers(384, size=1))
+
+    def at_once(self):
+        """Press one tactel of each board."""
+        return self.time(self.whole.now_ns, np.arange(0, 384, 16) + self.rng.integers(16, size=24))
+
+    def worst(self):
+        """Press just after a sample; one bit before the next a long frame begins, and a command waits."""
+        whole, p = self.whole, int(self.rng.integers(24))
+        scans = set(whole.scans[p][-100:])
+        at_ns = max(t_ns for t_ns in scans if t_ns - MS in scans) + 2 * MS + 1
+        is_fd = whole.arm.bus.data_bitrate is not None
+        long = Frame(0x7DE, bytes(48), flags=LONG) if is_fd else longest(0x7DE, 8)
+        whole.wire(p).attach(Talker(at_ns + MS - 1001, [long]))
+        whole.wire(p).attach(Talker(at_ns + MS - 1, [longest(0, 2)]))
+        return self.time(at_ns, [16 * p + int(self.rng.integers(16))])
 
 
 def scribble(whole, rng):
@@ -90,15 +167,6 @@ class Scene(Whole):
             self.counts = self.sampler.counts
             self.nearest = max(self.nearest, self.sampler.pressures.max() / (1e3 * KPA))
         return super().newest(p, now_ns)
-
-
-def load_forearm(folder, changes=()):
-    """Return the shipped forearm of 24 boards with a guard, and with other words."""
-    text = find_arm("forearm").read_text() + GUARD.format(patches=[*range(1, 25)])
-    for old, new in changes:
-        text = text.replace(old, new)
-    (folder / "arm.toml").write_text(text)
-    return load_arm(folder / "arm.toml")
 
 
 def play_quiet(folder, seconds):
