@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,21 +16,18 @@ from skinbus.file_bytes import read_bytes
 MAX_BYTES = 1 << 19
 """An arm of 16 buses with 126 patches each, a hundred bytes for each patch, is half of this."""
 
-MAX_DEPTH = 16
-"""Of tables and arrays in each other, and parts of a key; files of ours need four."""
-
-MAX_WORD = 100
-"""Characters of a number, or of a key without quotes: 64 bits have 20 digits."""
-
-OPAQUE = re.compile(
+_OPAQUE = re.compile(
     r'''"""(?:[^"\\]|\\.|"(?!""))*+(?:"""|\Z)|"(?:[^"\\\n]|\\.)*+(?:"|$)'''
     r"""|'''(?:[^']|'(?!''))*+(?:'''|\Z)|'[^'\n]*+(?:'|$)|#[^\n]*+""",
     re.DOTALL | re.MULTILINE,
 )
 """Strings and comments."""
-_BRACKET = re.compile(r"[\[\]{}]")
-_LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{MAX_DEPTH}}}")
-_LONG_WORD = re.compile(rf"(?<![\w+.:-])[\w+.:-]{{{MAX_WORD + 1}}}")
+_BEYOND = {
+    r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){16}": "keys of at most 16 parts",
+    r"(?<![\w+.:-])[\w+.:-]{101}": "numbers and keys of at most 100 characters",
+}
+"""What costs the parser too much: its time grows with the square of a key's parts and of digits. Keys of ours
+have four parts, and 64 bits 20 digits."""
 
 
 def find_toml(name_or_path: str | Path, folder: Path, what: str) -> Path:
@@ -74,27 +71,18 @@ def read_toml(path: Path) -> dict[str, Any]:
     """
     try:
         text = read_bytes(path, MAX_BYTES).decode("utf-8").replace("\r\n", "\n")
-        if faults := list(_beyond(text)):
-            raise ConfigError(path, faults)
-        return tomllib.loads(text)
     except UnicodeDecodeError as error:
         raise ConfigError.of(path, f"byte {error.start}", None, "a TOML file: text in UTF-8") from None
+    plain = _OPAQUE.sub("_", text)
+    for beyond, wanted in _BEYOND.items():
+        if re.search(beyond, plain):
+            raise ConfigError.of(path, "file", None, wanted)
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ConfigError.of(
+            path, "file", None, "tables and arrays that are less deep in each other"
+        ) from None
     except tomllib.TOMLDecodeError as error:
         message, _, place = str(error).partition(" (at ")
-        where = place.rstrip(")") or "file"
-        raise ConfigError.of(path, where, None, f"TOML: {message}") from None
-
-
-def _beyond(text: str) -> Iterator[Fault]:
-    """Return what would cost the parser too much: its time grows with the square of a key's parts."""
-    plain = OPAQUE.sub("_", text)
-    depth = 0
-    for bracket in _BRACKET.finditer(plain):
-        depth = depth + 1 if bracket[0] in "[{" else max(depth - 1, 0)
-        if depth > MAX_DEPTH:
-            yield Fault("file", None, f"tables and arrays at most {MAX_DEPTH} deep")
-            break
-    if _LONG_KEY.search(plain):
-        yield Fault("file", None, f"keys of at most {MAX_DEPTH} parts")
-    if _LONG_WORD.search(plain):
-        yield Fault("file", None, f"numbers and keys of at most {MAX_WORD} characters")
+        raise ConfigError.of(path, place.rstrip(")") or "file", None, f"TOML: {message}") from None
