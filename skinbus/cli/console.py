@@ -23,7 +23,9 @@ class Console(RichConsole):
 
     def __init__(self, *, stderr: bool = False, outlives_reader: bool = False, **settings: Any) -> None:
         """``outlives_reader``: go on without output when nobody reads it any more."""
-        super().__init__(stderr=stderr, markup=False, emoji=False, highlight=False, **settings)
+        super().__init__(
+            stderr=stderr, markup=False, emoji=False, highlight=False, soft_wrap=True, **settings
+        )
         self._outlives_reader = outlives_reader
         if not self.is_terminal and "width" not in settings and "COLUMNS" not in os.environ:
             self.width = WIDE
@@ -43,7 +45,7 @@ class Console(RichConsole):
             column.justify = "right" if is_number else "left"
         for row in cells:
             table.add_row(*row)
-        self.print(table)
+        self.print(table, soft_wrap=False)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Return what is shown; whatever made it, control characters come from the console only."""

@@ -89,7 +89,7 @@ def command(
     guard = Guard(
         loaded, loaded.guard, ods_of(loaded), told, needs_contacts=name is not None, acknowledges=acknowledge
     )
-    say = partial(Console(outlives_reader=True).print, soft_wrap=True)
+    say = Console(outlives_reader=True).print
     outside = Outside([stop for stop in asked if isinstance(stop, OutsideStop)], say)
     contacts = SharedContacts(name or name_for(arm), loaded, loaded.guard)
     notifier = Notifier()

@@ -45,9 +45,7 @@ def command(arm: str, state: Path) -> None:
     boards = load_health(loaded, state)
     found = list(check_health(loaded, boards))
     for what, advice in found:
-        console.print(
-            f"{what}\n  -> {advice}" if advice else what, style="yellow" if advice else "", soft_wrap=True
-        )
+        console.print(f"{what}\n  -> {advice}" if advice else what, style="yellow" if advice else "")
     sys.exit(1 if any(advice for _, advice in found) else 0)
 
 

@@ -7,7 +7,6 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +66,7 @@ def command(arm: str, where: Where, out: Path | None) -> None:
     number = bus_numbers(whole, where.names)[0]
     mountings = [mounting for mounting in read_arm_file(path).mountings if mounting.bus == number]
     console = Console()
-    say = partial(console.print, soft_wrap=True)
+    say = console.print
     bench = boards_on(place, part, say)
     dialogue = Identification(places_of(part), bench.boards)
     talk(dialogue, bench.arm, place, console, say)

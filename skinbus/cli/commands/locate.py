@@ -65,13 +65,13 @@ def command(arm: str, presses: Path, write: bool, out: Path | None) -> None:
         fault = fault_of(board, found.place_sd)
         is_faulty |= bool(fault)
         for text in remarks(board, fault, rows):
-            console.print(f"node {loaded.node_label(board.patch)}: {text}", style="yellow", soft_wrap=True)
+            console.print(f"node {loaded.node_label(board.patch)}: {text}", style="yellow")
         if not fault:
             changes[loaded.patches[board.patch].key] = place_of(loaded, board)
     console.print(f"presses scatter by {1e3 * found.place_sd:.2f} mm along each direction")
     if target is not None:
         write_arm(path, target, changes)
-        console.print(f"{target}: {counted(len(changes), 'board')} moved", soft_wrap=True)
+        console.print(f"{target}: {counted(len(changes), 'board')} moved")
     sys.exit(1 if is_faulty else 0)
 
 

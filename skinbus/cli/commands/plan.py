@@ -125,7 +125,7 @@ def _show(plan: Plan, guard: GuardSettings | None, console: Console) -> None:
         facts |= {f"  {part.name}": f"{_ms(part.ns)}  {part.assumed}" for part in bound.parts}
         facts["guard, ms to standstill"] = f"{_ms(bound.standstill_ns)}  with reaction_ms and stop_ms"
     for name, text in facts.items():
-        console.print(f"{name:40} {text}", soft_wrap=True)
+        console.print(f"{name:40} {text}")
     for warning in plan.warnings:
         console.print(f"! {warning}", style="yellow")
     verdict = "does not hold: make one of the changes above, or several, and plan again"

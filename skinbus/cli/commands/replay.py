@@ -6,7 +6,6 @@ import csv
 import sys
 from contextlib import nullcontext
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import click
@@ -59,7 +58,7 @@ def command(
     """
     loaded, console, lives, n_cycles = load_arm(arm, check_load=False), Console(), dict[int, Life](), 0
     events = EventLog(
-        partial(console.print, soft_wrap=True),
+        console.print,
         [bus.name for bus in loaded.buses],
         now=lambda: recorded.now_s,
         stamp=lambda t: f"{t:9.3f} s ",

@@ -139,7 +139,7 @@ class Run:
     master: Master
 
     def __init__(self, arm: Arm, console: Console) -> None:
-        self.say = partial(console.print, soft_wrap=True)
+        self.say = console.print
         self.notifier = Notifier()
         self.maker = CycleMaker(arm)
         self.writer: SharedWriter | None = None
