@@ -59,27 +59,20 @@ def point(**changes):
     return Point(**(usual | changes))
 
 
-def test_differences_below_the_scatter_are_ties_and_the_cheaper_level_is_run():
-    fit = point(level="fit", p95_mm=0.31, low_mm=0.28, high_mm=0.35)
-    full = point(level="full", p95_mm=0.27, low_mm=0.25, high_mm=0.29)
-    kmeans = point(level="kmeans", p95_mm=3.0, low_mm=2.8, high_mm=3.3)
-    assert decide([kmeans, fit, full]) is fit
-
-
-def test_a_difference_beyond_the_scatter_is_none_of_noise():
-    fit = point(level="fit", p95_mm=0.4, low_mm=0.36, high_mm=0.45)
-    full = point(level="full", p95_mm=0.27, low_mm=0.25, high_mm=0.29)
-    assert decide([fit, full]) is full
-
-
-def test_among_levels_that_are_all_a_pitch_off_the_one_that_counts_best_is_chosen():
-    blind = point(
-        level="fit", p95_mm=10.0, low_mm=9.0, high_mm=11.0, wrong_count_pct=50.0, wrong_scatter_pct=3.0
-    )
-    best = point(
-        level="full", p95_mm=11.0, low_mm=9.0, high_mm=12.0, wrong_count_pct=12.0, wrong_scatter_pct=2.0
-    )
-    assert decide([blind, best]) is best
+@pytest.mark.parametrize(
+    ("chosen", "points"),
+    [
+        # differences below the scatter are ties: the cheaper level is run
+        ("fit", {"kmeans": (2.8, 3.0, 3.3), "fit": (0.28, 0.31, 0.35), "full": (0.25, 0.27, 0.29)}),
+        ("full", {"fit": (0.36, 0.4, 0.45), "full": (0.25, 0.27, 0.29)}),
+        # all are a pitch off: the one that counts best
+        ("full", {"fit": (9.0, 10.0, 11.0, 50.0, 3.0), "full": (9.0, 11.0, 12.0, 12.0, 2.0)}),
+    ],
+)
+def test_the_level_to_run_is_better_by_more_than_the_scatter_or_cheaper(chosen, points):
+    names = ("low_mm", "p95_mm", "high_mm", "wrong_count_pct", "wrong_scatter_pct")
+    made = [point(level=level, **dict(zip(names, row, strict=False))) for level, row in points.items()]
+    assert decide(made).level == chosen
 
 
 def test_boards_change_their_bits_and_nothing_else():

@@ -24,11 +24,11 @@ def pad(**settings):
     return Arm.single_patch(grid(4, 4, 0.010), **settings)
 
 
-def presses(arm, rng, *, exponent=1.0, noise=NOISE, spread=0.03, n=N_PRESSES, force=None):
+def presses(arm, rng, *, exponent=1.0, noise=NOISE, force=None):
     """Random presses on the pad: s, a, force, pressures, and the gains put in (mean response 1)."""
-    s, a = rng.uniform(-0.02, 0.02, (2, n))
-    force = rng.uniform(2.0, 20.0, n) if force is None else np.full(n, force)
-    gain = 1.0 / (1.0 + spread * rng.standard_normal(arm.n_tactels))
+    s, a = rng.uniform(-0.02, 0.02, (2, N_PRESSES))
+    force = rng.uniform(2.0, 20.0, N_PRESSES) if force is None else np.full(N_PRESSES, force)
+    gain = 1.0 / (1.0 + 0.03 * rng.standard_normal(arm.n_tactels))
     gain *= np.mean(1.0 / gain)
     d = arm.distance(slice(None), s, a)
     pressures = force[:, None] ** exponent * profile(d) / gain
