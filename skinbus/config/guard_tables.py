@@ -29,6 +29,9 @@ Samples = Annotated[list[Annotated[int, Field(ge=1, le=MAX_SAMPLES)]], *Pair]
 Time = Annotated[float, Field(ge=0.0, le=60_000.0)]
 """ms."""
 
+EDGE = 1e-6
+"""mm and degrees, by which a range is wider than it is written: sums of places are off by bits."""
+
 
 class RegionTable(Table):
     """``[[guard.region]]``: the tactels that are in all that is said, with their limits."""
@@ -96,6 +99,9 @@ def guard_settings(table: GuardTable, arm: Arm, faults: FaultList) -> GuardSetti
         if not inside.any():
             faults.add(key, "no healthy tactel", "tactels in it")
             continue
+        if not (arm.tactel_gain[inside] > 0.0).all():
+            faults.add(key, "a tactel whose gain is not positive", "readings that rise with pressure")
+            continue
         forces = np.bincount(arm.tactel_patch[inside], (area * full)[inside])
         least = {"force_n": forces[forces != 0.0].min(), "pressure_kpa": 1e-3 * full[inside].min()}
         for name, most in least.items():
@@ -120,5 +126,5 @@ def _tactels(region: RegionTable, arm: Arm) -> Bools:
         (region.angle_deg, angle, 360.0),
     ):
         if limits:
-            inside &= (place - limits[0]) % turn <= limits[1] - limits[0]
+            inside &= (place - limits[0] + EDGE) % turn <= limits[1] - limits[0] + 2 * EDGE
     return np.asarray(inside)

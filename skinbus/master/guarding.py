@@ -9,7 +9,8 @@ pressure (areas as ``estimate.loads`` has them) is more than F. It compares coun
 
 P and F are those of the regions of a tactel, times their transient factors. Tactels of several regions on one
 patch share its sum: it is exceeded where the load of a region is, and earlier where more than one is loaded.
-A limit that zeros move beyond full scale is full scale: one that no reading exceeds would be none.
+A limit that zeros move beyond full scale is full scale: one that no reading exceeds would be none. So is that
+of a tactel that has only a share of a force: at full scale nobody knows how much more it is.
 """
 
 from __future__ import annotations
@@ -74,13 +75,14 @@ class Guarding:
 
     def limits(self, p: int) -> GuardLimits:
         """Return the limits of patch p by its zeros now."""
-        columns = self._zero, self._most, self._share, self._full, self._scale, self._arm.tactel_offset
+        own = self._zero, self._most, self._share, self._limited, self._full
+        columns = *own, self._scale, self._arm.tactel_offset
         here = self._arm.tactels_of(self._own.start + p)
-        zero, most, share, full, scale, offset = (column[here] for column in columns)
+        zero, most, share, limited, full, scale, offset = (column[here] for column in columns)
         unit = MAX_WEIGHT / max((share * scale).max(), 1e-300)
         weights = np.rint(unit * share * scale)
         total = weights @ offset + min(unit + weights @ (zero / scale), weights @ (full / scale))
-        limits = np.where(np.isfinite(most), offset + np.minimum(zero + most, full) / scale, NO_LIMIT)
+        limits = np.where(limited, offset + np.minimum(zero + most, full) / scale, NO_LIMIT)
         return GuardLimits(
             self._guard.n,
             self._guard.m,
