@@ -148,15 +148,12 @@ class CandumpReader:
             if match := _DROPPED.fullmatch(line):
                 self.n_dropped += int(match[1])
             elif line.strip():
-                self._note(number, line, str(error).rpartition("wanted ")[2])
+                self.n_strange += 1
+                if len(self._faults) < MAX_FAULTS:
+                    wanted = str(error).rpartition("wanted ")[2]
+                    self._faults.add(f"line {number}", line.strip()[:80], wanted)
+                    self.first_strange = self._faults[0]
             return None
-
-    def _note(self, number: int, line: str, wanted: str) -> None:
-        """Count a line that is no frame."""
-        self.n_strange += 1
-        if len(self._faults) < MAX_FAULTS:
-            self._faults.add(f"line {number}", line.strip()[:80], wanted)
-            self.first_strange = self._faults[0]
 
 
 class CandumpWriter:

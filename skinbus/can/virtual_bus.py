@@ -36,11 +36,6 @@ _LONGEST_BITS = 256
 class Port:
     """Where a core meets the wire; made by ``VirtualBus.attach``."""
 
-    __slots__ = (
-        "attached", "cob_ids", "core", "data", "data_ids", "error_counter", "index", "on_event", "queued",
-        "refused", "wake_ns",
-    )  # fmt: skip
-
     def __init__(self, index: int, core: Core, on_event: OnEvent | None) -> None:
         self.index = index
         self.core = core
