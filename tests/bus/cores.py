@@ -1,9 +1,6 @@
 """Small cores to put on a bus: one that says what it is told to, one that listens."""
 
-from collections.abc import Iterable, Sequence
-
 from skinbus.can.core import NEVER, Core, Step
-from skinbus.can.frame import Frame
 
 
 class Talker(Core):
@@ -11,13 +8,13 @@ class Talker(Core):
 
     cob_ids = frozenset()
 
-    def __init__(self, plan: Iterable[tuple[int, Frame]] = (), cob_ids: frozenset[int] | None = None) -> None:
+    def __init__(self, plan=(), cob_ids=None):
         self.plan = sorted(plan, key=lambda item: item[0])
         self.cob_ids = cob_ids
-        self.heard: list[Frame] = []
-        self.steps: list[int] = []
+        self.heard = []
+        self.steps = []
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+    def step(self, now_ns, frames):
         self.steps.append(now_ns)
         self.heard += frames
         due = [frame for t_ns, frame in self.plan if t_ns <= now_ns]

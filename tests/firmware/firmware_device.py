@@ -1,7 +1,5 @@
 """The firmware of a board as a core: its C, compiled on this machine, with the face of a Device."""
 
-from __future__ import annotations
-
 import ctypes as c
 import subprocess
 import tempfile
@@ -29,7 +27,7 @@ ROOM = 64
 HOOK = c.CFUNCTYPE(c.c_uint32, c.c_void_p, c.c_uint16, c.c_uint8, c.POINTER(c.c_uint8))
 
 
-def build(project: Path, *flags: str) -> Path:
+def build(project, *flags):
     """Compile the core of a project with the port for tests; return the library."""
     sources = [*sorted((project / "core").glob("*.c")), project / "board.c", PORT]
     library = project / "library.so"
@@ -42,7 +40,7 @@ def build(project: Path, *flags: str) -> Path:
 class Code:
     """A compiled library and the types of its functions."""
 
-    def __init__(self, path: Path, layout: ImageLayout) -> None:
+    def __init__(self, path, layout):
         class SbFrame(c.Structure):
             _fields_ = (
                 *(("id", c.c_uint16), ("flags", c.c_uint8), ("length", c.c_uint8)),
@@ -70,20 +68,20 @@ class Code:
             getattr(library, name).restype = result
 
 
-def readings_of(layout: ImageLayout) -> list[int]:
+def readings_of(layout):
     """Return the sub-indices of the readings of a board."""
     return layout.subs(next(i for i in (0x6401, 0x6400) if i in layout.indices))
 
 
 @cache
-def code_of(eds: str, *flags: str) -> Code:
+def code_of(eds, *flags):
     """Compile the firmware of an EDS, once."""
     with tempfile.TemporaryDirectory() as folder:
         write_project(eds, Path(folder))
         return Code(build(Path(folder), *flags), ImageLayout(load_eds(eds, 1), 1))
 
 
-def five(data: bytes | None) -> bytes | None:
+def five(data):
     return None if data is None else bytes(data[:5]).ljust(5, b"\0")
 
 

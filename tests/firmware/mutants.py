@@ -1,9 +1,6 @@
 """Mutants of the firmware: faults that real boards have, compiled and put through the check of a board."""
 
-from __future__ import annotations
-
 import subprocess
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,7 +29,7 @@ class Mutant:
     reason: str
 
 
-def load_mutants() -> Iterator[Mutant]:
+def load_mutants():
     """All mutants of the table."""
     text = (Path(__file__).parent / "mutants.txt").read_text()
     for block in text.split("\n# ")[1:]:
@@ -44,7 +41,7 @@ def load_mutants() -> Iterator[Mutant]:
 class Workshop:
     """The objects of the unchanged firmware, and mutants linked from them."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder):
         self.folder, self.n = folder, 0
         write_project("skin-patch", folder)
         self.layout = ImageLayout(load_eds("skin-patch", NODE), 1)
@@ -54,11 +51,11 @@ class Workshop:
         for source in self.sources:
             self.run(*self.compile, "-c", source, "-o", folder / f"{source.stem}.o")
 
-    def run(self, *command: object) -> None:
+    def run(self, *command):
         done = subprocess.run([str(word) for word in command], capture_output=True, text=True)
         assert not done.returncode, done.stderr
 
-    def make(self, mutant: Mutant) -> Code:
+    def make(self, mutant):
         """Compile a mutant."""
         self.n += 1
         source = self.folder / "core" / mutant.file
@@ -75,7 +72,7 @@ class Workshop:
 class SensingFirmware(FirmwareDevice):
     """A board with noise and zeros of its own; after ``press`` a finger is on it."""
 
-    def __init__(self, code: Code) -> None:
+    def __init__(self, code):
         super().__init__(code, NODE, flash=bytearray(EMPTY))
         self.rng = np.random.default_rng(5)
         self.pressure = np.zeros(16)
@@ -90,7 +87,7 @@ class SensingFirmware(FirmwareDevice):
         return super().step(now_ns, frames)
 
 
-def broken_rules(device: FirmwareDevice, eds: str = "skin-patch", **settings: object) -> dict[str, str]:
+def broken_rules(device, eds="skin-patch", **settings):
     """Return the rules that a board breaks, and what was seen."""
     wire = VirtualBus(1_000_000, data_bitrate=2_000_000)
     wire.attach(device)

@@ -39,20 +39,14 @@ def test_firmware_of_every_board_keeps_every_rule(eds):
     assert broken_rules(board(eds), eds, n_syncs=50) == {}
 
 
-def two(eds, seed):
-    """Return the simulated patch and the firmware of one board, and what is sent to both."""
-    od = load_eds(eds, NODE)
-    pair = Device(od, NODE, storage={}), board(eds)
-    return pair, Traffic(pair[0].layout, NODE, seed)
-
-
 def run_both(eds, seed, n_steps):
     """Pass the same traffic to both devices, and compare what they send.
 
     What differs and is left out: block transfers; the stamp of samples for events; downloads of texts that
     fail, after which the firmware has none.
     """
-    pair, traffic = two(eds, seed)
+    pair = Device(load_eds(eds, NODE), NODE, storage={}), board(eds)
+    traffic = Traffic(pair[0].layout, NODE, seed)
     said = []
     readings = [device.image_view(READING[eds], 1, 16) for device in pair]
     now_ns, wakes = 1_000_000, [NEVER, NEVER]

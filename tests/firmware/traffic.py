@@ -1,17 +1,13 @@
 """Random traffic for one device: mostly what a master sends, often a little wrong."""
 
-from __future__ import annotations
-
 import random
 import struct
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from skinbus.can.fd import CLASSIC_BYTES, LENGTHS
 from skinbus.can.frame import RTR, Frame
-from skinbus.node.layout import ImageLayout
 from skinbus.objects.cia import READINGS
 from skinbus.objects.guard import NO_LIMIT, GuardLimits
 
@@ -27,7 +23,7 @@ SIGNATURES = (b"save", b"load", b"evas")
 class Traffic:
     """Frames for a board of a layout, from a seed; each ``next`` gives (us that pass, frame or None)."""
 
-    def __init__(self, layout: ImageLayout, node_id: int, seed: int) -> None:
+    def __init__(self, layout, node_id, seed):
         self.rng = random.Random(seed)
         self.node_id = node_id
         # the simulated patch leaves the stamp of the last SYNC on samples for events, the firmware does not
@@ -38,7 +34,7 @@ class Traffic:
         self.entries = [e for e in entries if not (self.has_events and e.index == STAMP)]
         self.parameters = [e for e in self.entries if 0x1000 < e.index < 0x1F00 and e.writable]
         self.n_tactels = sum(len(layout.subs(i)) for i in READINGS if i in layout.indices)
-        self.left: list[Frame] = []
+        self.left = []
         self.kinds = (
             *[self.limits] * 2,
             *[self.sync] * 6,
@@ -56,28 +52,28 @@ class Traffic:
             self.junk,
         )
 
-    def __iter__(self) -> Iterator[tuple[int, Frame | None]]:
+    def __iter__(self):
         while True:
             goes_on = self.left and self.rng.random() < 0.99
             yield self.rng.choice(STEPS_US), self.left.pop(0) if goes_on else self.rng.choice(self.kinds)()
 
-    def sdo(self, command: int, index: int, sub: int, data: bytes = b"") -> Frame:
+    def sdo(self, command, index, sub, data=b""):
         head = struct.pack("<BHB", command, index, sub)
         return Frame(0x600 + self.node_id, head + data.ljust(4, b"\0")[:4])
 
-    def number(self, size: int) -> bytes:
+    def number(self, size):
         rng = self.rng
         value = rng.choice((0, 0, 1, 2, 3, 5, 10, 100, 240, 254, 255, 0x7FFF, rng.getrandbits(8 * size)))
         return value.to_bytes(8, "little")[:size]
 
-    def sync(self) -> Frame:
+    def sync(self):
         return Frame(0x80, bytes([self.rng.randrange(1, 6)])[: self.rng.choice((0, 0, 0, 1))])
 
-    def read(self) -> Frame:
+    def read(self):
         entry = self.rng.choice(self.entries)
         return self.sdo(0x40, entry.index, entry.sub)
 
-    def write(self) -> Frame:
+    def write(self):
         entry = self.rng.choice(self.parameters if self.rng.random() < 0.7 else self.entries)
         size = min(entry.size, 4) if self.rng.random() < 0.95 else self.rng.randrange(1, 5)
         is_event = entry.index == 0x6423 or (0x1800 <= entry.index < 0x1A00 and entry.sub == 2)
@@ -85,7 +81,7 @@ class Traffic:
             return self.read()
         return self.sdo(0x23 | (4 - size) << 2, entry.index, entry.sub, self.number(size))
 
-    def configure(self) -> Frame:
+    def configure(self):
         """A write of what matters most, with a value that makes sense."""
         place, size, *values = self.rng.choice(self.table).split()
         index, sub = (int(word, 16) for word in place.split(":"))
@@ -93,11 +89,11 @@ class Traffic:
         number = int(value.rstrip("n"), 16) + self.node_id * value.endswith("n")
         return self.sdo(0x23 | (4 - int(size)) << 2, index, sub, number.to_bytes(4, "little"))
 
-    def store(self) -> Frame:
+    def store(self):
         index, sub = self.rng.choice((0x1010, 0x1011)), self.rng.randrange(1, 6)
         return self.sdo(0x23, index, sub, self.rng.choice(SIGNATURES))
 
-    def limits(self) -> Frame:
+    def limits(self):
         """Limits of the guard, now and then spoilt or none; the segments follow."""
         rng, n = self.rng, self.n_tactels
         limits, weights = rng.choices((20, 60, 100, NO_LIMIT), k=n), rng.choices((0, 0, 1, 3), k=n)
@@ -113,13 +109,13 @@ class Traffic:
         self.left = [Frame(0x600 + self.node_id, segment) for segment in segments]
         return self.sdo(0x21, 0x2081, 0, len(data).to_bytes(4, "little"))
 
-    def segment(self) -> Frame:
+    def segment(self):
         rng = self.rng
         begin = (self.sdo(0x40, 0x1008, 0), self.sdo(0x21, 0x2040, 0, b"\x08"), self.sdo(0x20, 0x1015, 0))
         command = rng.choice((0x60, 0x70, 0x00, 0x10, 0x1D, 0x0D, 0x0B, 0x80))
         return rng.choice((*begin, *[Frame(0x600 + self.node_id, bytes([command]) + rng.randbytes(7))] * 4))
 
-    def block(self) -> Frame:
+    def block(self):
         """A block transfer begins; what may go on with it follows. Of no kind: the firmware has none."""
         rng = self.rng
         words = (bytes.fromhex(rng.choice(BLOCKS)) for _ in range(rng.randrange(6)))
@@ -127,29 +123,29 @@ class Traffic:
         entry, command = rng.choice(self.entries), rng.choice((0xA0, 0xA4, 0xC0, 0xC4))
         return self.sdo(command, entry.index, entry.sub, rng.choice((b"\x01", b"\x02\x04", b"\x7f")))
 
-    def nmt(self) -> Frame:
+    def nmt(self):
         rng = self.rng
         to = rng.choice((0, self.node_id, self.node_id, self.node_id + 1))
         return Frame(0, bytes([rng.choice(COMMANDS), to, 0])[: rng.choice((2, 2, 2, 2, 1, 3))])
 
-    def lss(self) -> Frame:
+    def lss(self):
         rng = self.rng
         command = rng.choice((0x04, 0x04, 0x11, 0x13, 0x17, 0x40, 0x41, 0x46, 0x4B, 0x4C, 0x51, 0x5A, 0x5E))
         value = rng.choice((bytes([rng.randrange(3)]), bytes([self.node_id]), rng.randbytes(7)))
         return Frame(0x7E5, (bytes([command]) + value).ljust(8, b"\0")[: rng.choice((8, 8, 8, 8, 7))])
 
-    def heartbeat(self) -> Frame:
+    def heartbeat(self):
         rng = self.rng
         state = rng.choice((0, 4, 5, 5, 127, 133, 34))
         return Frame(0x700 + WATCHED, bytes([state, 0])[: rng.choice((1, 1, 1, 2))])
 
-    def guarding(self) -> Frame:
+    def guarding(self):
         return Frame(0x700 + self.node_id, b"\0", 0, RTR)
 
-    def rpdo(self) -> Frame:
+    def rpdo(self):
         return Frame(0x200 + self.node_id, self.rng.randbytes(self.rng.choice((0, 3, 4, 4, 4, 8))))
 
-    def junk(self) -> Frame:
+    def junk(self):
         rng = self.rng
         ids = (rng.randrange(0x800), 0x600 + self.node_id, 0x80, 0x7E5)
         return Frame(rng.choice(ids), rng.randbytes(rng.choice(LENGTHS[:9])))

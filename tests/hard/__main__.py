@@ -20,32 +20,31 @@ TRIALS = 60
 
 def rows():
     """The cases that a level cannot solve, the worst of surfaces and laws; and what does not hold."""
-    table, faults = (
-        [["case", "contacts", "place off by, mm", "force off by, %", "reported sd, mm", "flags"]],
-        [],
-    )
-    table.append(["---"] * len(table[0]))
+    table = [
+        ["case", "contacts", "place off by, mm", "force off by, %", "reported sd, mm", "flags"],
+        ["---"] * 6,
+    ]
+    faults = []
     for name in CASES:
         outcomes = outcomes_of(name, LEVEL)
         faults += [f"{name}, {' '.join(g)}: {f}" for g, o in outcomes.items() for f in o.faults]
-        all_of = {
-            key: [getattr(o, key) for o in outcomes.values()]
-            for key in ("n", "place", "force", "sd", "quality")
-        }
-        place, force = (
-            max((v for v in all_of[key] if math.isfinite(v)), default=0.0) for key in ("place", "force")
+        found = outcomes.values()
+        counts = [o.n for o in found]
+        place, force, sd = (
+            max((getattr(o, key) for o in found if math.isfinite(getattr(o, key))), default=0.0)
+            for key in ("place", "force", "sd")
         )
         if place > PLACE or force > FORCE:
-            table.append(
-                [
-                    name,
-                    "–".join(str(n) for n in sorted({min(all_of["n"]), max(all_of["n"])})),
-                    f"{1e3 * place:.2g}" if place > 1e-6 else "",
-                    f"{100 * force:.3g}" if force > 1e-3 else "",
-                    f"{1e3 * max(all_of['sd']):.2g}" if max(all_of["sd"]) else "",
-                    ", ".join(sorted({flag.name for q in all_of["quality"] for flag in q})),
-                ]
-            )
+            row = [name, "–".join(str(n) for n in sorted({min(counts), max(counts)}))]
+            row += [
+                f"{1e3 * place:.2g}" if place > 1e-6 else "",
+                f"{100 * force:.3g}" if force > 1e-3 else "",
+            ]
+            row += [
+                f"{1e3 * sd:.2g}" if sd else "",
+                ", ".join(sorted({q.name for o in found for q in o.quality})),
+            ]
+            table.append(row)
     return table, faults
 
 

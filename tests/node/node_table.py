@@ -16,10 +16,8 @@ and steps, with a note after ``;``::
 Identifiers and bytes are hexadecimal; ``n`` is the node-ID, also as a byte ``nn``.
 """
 
-from __future__ import annotations
-
 from ast import literal_eval
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,7 +27,7 @@ from skinbus.can.clock import VirtualClock
 from skinbus.can.core import NEVER, receives
 from skinbus.can.frame import RTR, Frame
 from skinbus.gateway.reader import Reader
-from skinbus.node import Device, PatchHost, Sample
+from skinbus.node import Device, PatchHost
 from skinbus.objects.cia import (
     HEARTBEAT_PRODUCER,
     IDENTITY,
@@ -88,11 +86,11 @@ class Row:
     node_id: str = "0"
     storage: str = ""
 
-    def __str__(self) -> str:
+    def __str__(self):
         return self.name
 
 
-def load_rows() -> Iterator[Row]:
+def load_rows():
     """All rows of all files."""
     for path in sorted((Path(__file__).parent / "conformance").glob("*.txt")):
         # the firmware refuses block transfers as commands that it does not know
@@ -109,7 +107,7 @@ def load_rows() -> Iterator[Row]:
             yield Row(name, section, [line for step in steps for line in expand(step)], flags=flags, **said)
 
 
-def expand(step: str) -> Sequence[str]:
+def expand(step):
     """The frames of a step that reads or writes, else the step."""
     verb, _, rest = step.partition(" ")
     if verb not in ("read", "write"):
@@ -125,7 +123,7 @@ def expand(step: str) -> Sequence[str]:
     return asked, sdo("<- 580+n", 0x80, place, int(code, 16).to_bytes(4, "little")) if code else answer
 
 
-def sdo(way: str, command: int, place: str, data: bytes = b"") -> str:
+def sdo(way, command, place, data=b""):
     """The step of an SDO frame that carries up to four bytes."""
     index, _, sub = place.partition(":")
     return f"{way} {command:02X} {index[2:]} {index[:2]} {sub} {data.ljust(4, bytes(1)).hex(' ')}"
@@ -134,43 +132,41 @@ def sdo(way: str, command: int, place: str, data: bytes = b"") -> str:
 class Actions:
     """What the own program of a device, or its host, does in a step, beside what the device can itself."""
 
-    def __init__(self, bench: Bench) -> None:
+    def __init__(self, bench):
         self.bench = bench
-        self.heard: list[object] = []
+        self.heard = []
         """What the application saw of writes."""
 
     @property
-    def device(self) -> Device:
+    def device(self):
         return self.bench.device
 
-    def act(self, words: Sequence[str]) -> None:
+    def act(self, words):
         name, *rest = words
         named = dict(word.split("=") for word in rest if "=" in word)
         arguments = [argument(word) for word in rest if "=" not in word]
         method = getattr(self, name, None) or getattr(self.device, name)
         method(*arguments, **{key: argument(word) for key, word in named.items()})
 
-    def boot(self) -> None:
+    def boot(self):
         pass
 
-    def start(self) -> None:
+    def start(self):
         self.device.command(NmtCommand.START)
 
-    def set(self, place, value) -> None:
+    def set(self, place, value):
         self.device.set(*place, value)
 
-    def sample(self, *readings) -> None:
+    def sample(self, *readings):
         self.bench.sample(readings)
 
-    def halt(self) -> None:
+    def halt(self):
         self.bench.is_sampling = False
 
-    def resume(self) -> None:
+    def resume(self):
         self.bench.is_sampling = True
 
-    def limits(
-        self, limit=NO_LIMIT, weight=0, sum=2**31 - 1, n=1, m=1, tactel=0, tactels=16, spoilt=-1
-    ) -> None:
+    def limits(self, limit=NO_LIMIT, weight=0, sum=2**31 - 1, n=1, m=1, tactel=0, tactels=16, spoilt=-1):
         """The master writes limits, the same for all tactels or for one; of an answer a refusal is left.
 
         Without tactels nothing is written, with ``spoilt`` a byte is another one.
@@ -193,26 +189,26 @@ class Actions:
             f for f in self.bench.sent if f.can_id != self.bench.node_id + 0x580 or f.data[0] == 0x80
         ]
 
-    def old(self) -> None:
+    def old(self):
         self.device.sample_status = SampleStatus.OLD
 
-    def refuse(self) -> None:
+    def refuse(self):
         self.device.on_write = lambda index, sub, value: AbortCode.LOCAL_CONTROL
 
-    def note_writes(self) -> None:
+    def note_writes(self):
         self.heard.clear()
         self.device.on_write = lambda index, sub, value: self.heard.extend([(index, sub), value])
 
-    def wanted(self, *places_and_values) -> None:
+    def wanted(self, *places_and_values):
         assert list(places_and_values) == self.heard
 
-    def late(self, ms, data=b"") -> None:
+    def late(self, ms, data=b""):
         """A SYNC that the device comes to only so long after it was on the wire."""
         t_ns = self.bench.now_ns
         self.bench.now_ns += round(NS_PER_MS * ms)
         self.bench.step([Frame(0x080, data, t_ns)])
 
-    def tpdo1(self, kind, inhibit=None, event=None, start=None) -> None:
+    def tpdo1(self, kind, inhibit=None, event=None, start=None):
         """TPDO 1 alone, of the given type."""
         for number in (2, 3, 4):
             self.device.set(0x17FF + number, 1, 0xC0000000)
@@ -221,7 +217,7 @@ class Actions:
                 self.device.set(0x1800, sub, value)
         self.sample(0x1234, -2, 3, 0x7FFF)
 
-    def events(self, kind=254, inhibit=0, event=0, trigger=0x07, upper=0, lower=0, delta=0) -> None:
+    def events(self, kind=254, inhibit=0, event=0, trigger=0x07, upper=0, lower=0, delta=0):
         """TPDO 1 alone, on events; by default by both limits and delta, the same for every input."""
         self.tpdo1(kind, inhibit, event)
         self.sample(0, 0, 0, 0)
@@ -230,7 +226,7 @@ class Actions:
                 self.device.set(index, sub, value)
         self.device.step(0)
 
-    def rpdo(self, *mapping, cob_id=0x211, kind=255, event=0) -> None:
+    def rpdo(self, *mapping, cob_id=0x211, kind=255, event=0):
         """RPDO 1 maps these values."""
         for sub, value in enumerate((len(mapping), *mapping)):
             self.device.set(0x1600, sub, value)
@@ -238,7 +234,7 @@ class Actions:
             self.device.set(0x1400, sub, value)
 
 
-def argument(word: str):
+def argument(word):
     """A number, bytes (hex:...), or index and sub-index."""
     index, is_place, sub = word.partition(":")
     if index == "hex":
@@ -251,13 +247,13 @@ class Bench:
 
     def __init__(
         self,
-        which: str,
+        which,
         *,
-        state: str = "pre",
-        node_id: int | None = None,
-        storage: str = "",
-        flags: Sequence[str] = (),
-    ) -> None:
+        state="pre",
+        node_id=None,
+        storage="",
+        flags=(),
+    ):
         self.which, self.flags = which, flags
         self.is_broken = storage == "broken"
         self.storage = (FLASHES if which == "firmware" else STORAGES)[storage]()
@@ -267,8 +263,8 @@ class Bench:
         self.node_id = node_id or DEVICES[which][1]
         self.now_ns = 0
         self.power_on()
-        self.sent: list[Frame] = []
-        self.events: list[object] = []
+        self.sent = []
+        self.events = []
         if state != "off":
             self.boot()
             if state != "pre":
@@ -277,7 +273,7 @@ class Bench:
             self.sent.clear()
             self.events.clear()
 
-    def make(self) -> Device:
+    def make(self):
         eds, node_id = DEVICES[self.which]
         if self.which == "firmware":
             writes = {"n_writes": 0} if self.is_broken else {}
@@ -287,32 +283,32 @@ class Bench:
         device.set(IDENTITY, IDENTITY_SERIAL, SERIAL)
         return device
 
-    def power_on(self) -> None:
+    def power_on(self):
         self.device = self.make()
         self.host = PatchHost([self.device], self.newest) if self.which == "hosted" else None
 
-    def power(self) -> None:
+    def power(self):
         self.power_on()
         self.boot()
 
-    def sample(self, readings) -> None:
+    def sample(self, readings):
         """What the tactels read from now on, the first first."""
         self.counts = np.array([*readings, *self.counts[len(readings) :]], np.int32)
         self.device.image_view(0x6401, 1, 16)[:] = self.counts
 
-    def newest(self, now_ns) -> Sample:
+    def newest(self, now_ns):
         if self.is_sampling:
             self.reader.call(VirtualClock(now_ns))
         return self.reader.newest(now_ns)
 
-    def boot(self) -> None:
+    def boot(self):
         self.step()
         if self.device.nmt_state is not NmtState.INITIALISING:
             self.device.set(HEARTBEAT_PRODUCER, 0, 0)
             if SYNC_PERIOD in self.device.layout.indices:
                 self.device.set(SYNC_PERIOD, 0, 0)
 
-    def step(self, frames: Sequence[Frame] = ()) -> int:
+    def step(self, frames=()):
         core = self.device
         if self.host:
             core = self.host
@@ -326,7 +322,7 @@ class Bench:
         self.events += events
         return wake_ns
 
-    def pass_time(self, ns: int) -> None:
+    def pass_time(self, ns):
         """Let time pass, calling the device when it asked to be called."""
         end_ns = self.now_ns + ns
         wake_ns = self.step()
@@ -338,18 +334,18 @@ class Bench:
         self.now_ns = end_ns
         self.step()
 
-    def frame(self, text: str) -> Frame:
+    def frame(self, text):
         can_id, *data = text.split()
         base, _, plus = can_id.partition("+")
         number = int(base, 16) + (self.node_id if plus == "n" else int(plus or "0", 16))
         return Frame(number, bytes(self.node_id if b == "nn" else int(b, 16) for b in data))
 
 
-def show(frame: Frame) -> str:
+def show(frame):
     return f"{frame.can_id:03X} {frame.data.hex(' ').upper()}".strip()
 
 
-def run(row: Row, which: str) -> None:
+def run(row, which):
     """Run a row and compare every frame."""
     bench = Bench(which, state=row.state, node_id=int(row.node_id), storage=row.storage, flags=row.flags)
     actions = Actions(bench)

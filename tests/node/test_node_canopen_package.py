@@ -21,11 +21,11 @@ class DeviceBus(can.BusABC):
 
     channel_info = "one device"
 
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device):
         self.device = device
         self.network = None
         self.now_ns = 0
-        self.heard: list[Frame] = []
+        self.heard = []
 
     def send(self, msg, timeout=None):
         self.now_ns += 100_000

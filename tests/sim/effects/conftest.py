@@ -43,9 +43,9 @@ class Run:
     """What a world said: frames with the time of the step that said them, and the counts of each sample."""
 
     def __init__(self):
-        self.frames: list[Frame] = []
-        self.counts: list[np.ndarray] = []
-        self.world: World | None = None
+        self.frames = []
+        self.counts = []
+        self.world = None
 
     def tpdos(self, node_id=None):
         return [f for f in self.frames if 0x180 < f.can_id < 0x500 and node_id in (None, f.can_id & 0x7F)]
@@ -56,7 +56,7 @@ class Run:
 
 @pytest.fixture(scope="session")
 def ods_by_arm():
-    cache: dict[str, list] = {}
+    cache = {}
 
     def get(arm):
         if arm.name not in cache:
