@@ -218,8 +218,8 @@ class Plausibility:
         is_full = self._is_full[patch]
 
         free = seen & ~touched & (np.abs(felt) < 3.0 * self._sigma) & ~is_old & ~self.is_repeated[patch]
-        n = n + free
-        same = same + free * (comes_again - same) / np.clip(n, 1.0, FORGET_CYCLES)
+        n = np.minimum(n + free, FORGET_CYCLES)
+        same = same + free * (comes_again - same) / np.maximum(n, 1.0)
 
         lone = self._find_lone(seen & ~is_full & (felt >= self._jump), felt, change, leaps)
         lone |= is_top & (was_lone > 0.0)
@@ -279,8 +279,8 @@ class Plausibility:
         usable = (self.faults == 0) & (self._value < self._high)
         lively = usable & (feels | (now - self._felt <= MUTE))
         for _ in range(min(LOOKS, len(i))):
-            self._turn = k = int(i[np.searchsorted(i, self._turn + 1) % len(i)])
-            least, place = self._least_felt(k, felt, usable) or self._least_felt(k, felt, lively) or (0.0, 0j)
+            self._turn = k = int(i[i.searchsorted(self._turn + 1) % len(i)])
+            least, place = self._least_felt(k, felt, usable, lively)
             is_new = since[k] < 0 or now[k] == since[k] or abs(place - self._place[k]) >= ELSEWHERE
             if least >= self._feels[k] and is_new:
                 if since[k] < 0:
@@ -290,30 +290,35 @@ class Plausibility:
                 is_silent = shown + SURE * self._sigma[k] * math.sqrt(due) < DEAD_SHARE * due
                 self.faults[k] |= DEAD * (is_silent and now[k] > since[k])
 
-    def _least_felt(self, k: int, felt: Floats, usable: Bools) -> tuple[float, complex] | None:
+    def _least_felt(self, k: int, felt: Floats, *usable: Bools) -> tuple[float, complex]:
         """Return the least (Pa) that a tactel reads under a contact that explains its neighbours, and where.
 
         Of the places of a contact those with a chi^2 of at most LIKELY more than the best explain the
-        neighbours, if that of the best is at most MISFIT each. None if none does, or the board reads more
-        elsewhere.
+        neighbours, if that of the best is at most MISFIT each. It is 0 if none does, or the board reads more
+        elsewhere. The first choice of usable neighbours that one explains is taken.
         """
-        here, j = self._patch == self._patch[k], self._near[1:, k]
-        told = (j >= 0) & usable[j]
-        law, y = self._law[self._row[1:, k][told]], felt[j[told]]
-        if len(y) < LEAST_NEAR or (felt * (self.faults == 0))[here].max() > y.max():
-            return None
-        up, down = (law * y[:, None]).sum(axis=0), (law**2).sum(axis=0)
-        peak = up / np.maximum(down, 1e-12)
-        chi2 = np.where(peak <= BEYOND * self._high[k], (y**2).sum() - peak * up, np.inf)
-        best, unit = chi2.argmin(), self._sigma[k] ** 2 + (TOLERANCE * y.max()) ** 2
-        if chi2[best] > MISFIT * len(y) * unit:
-            return None
-        own = peak * self._law[self._row[0, k]]
-        return float(own[chi2 <= chi2[best] + LIKELY * unit].min()), complex(PLACE[best])
+        here, j = self.arm.tactels_of(self._patch[k]), self._near[1:, k]
+        j = j[j >= 0]
+        law = self._law[self._row[1 : len(j) + 1, k]]
+        top, square = (felt[here] * (self.faults[here] == 0)).max(), law * law
+        unit = self._sigma[k] ** 2 + (TOLERANCE * top) ** 2
+        for choice in usable:
+            told = choice[j]
+            n, y = np.count_nonzero(told), felt[j] * told
+            if n < LEAST_NEAR or y.max() < top:
+                continue
+            up = y @ law
+            peak = up / np.maximum(told @ square, 1e-12)
+            chi2 = np.where(peak <= BEYOND * self._high[k], y @ y - peak * up, np.inf)
+            best = chi2.argmin()
+            if chi2[best] <= MISFIT * n * unit:
+                own = peak * self._law[self._row[0, k]]
+                return float(own[chi2 <= chi2[best] + LIKELY * unit].min()), complex(PLACE[best])
+        return 0.0, 0j
 
     def _by_patch(self, column: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return the sums of a column of tactels, (n_patches,)."""
-        return np.add.reduceat(column, self._first, dtype=float if column.dtype == np.float64 else int)
+        return np.bincount(self._patch, column, len(self._first))
 
 
 AXIS = np.linspace(-SPAN, SPAN, PLACES)

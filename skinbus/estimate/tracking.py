@@ -71,9 +71,10 @@ FAR = np.array([1e3, 1e3, 1e9])
 """s, a (m) and forces (N) beyond these are no contacts."""
 
 # --- Motion ----------------------------------------------------------------------------------------
-ACCELERATION = (0.01, 0.01, 0.0)
-"""White acceleration of s and a, m^2/s^3: 14 mm/s of change in 20 ms, as of a sliding hand (0.7 m/s^2)."""
-WALK = (0.0, 0.0, 100.0)
+ACCELERATION = np.array([[0.01], [0.01], [0.0]])
+"""White acceleration of s, a and none of the force, m^2/s^3: 14 mm/s of change in 20 ms, as of a sliding hand
+(0.7 m/s^2)."""
+WALK = 100.0
 """Random walk of the force, N^2/s: 1.4 N in 20 ms."""
 SIGMA_SPEED = 0.7
 """Speed of a contact that has just come, m/s: a hand that wipes has 1."""
@@ -215,6 +216,7 @@ class Tracker:
         self._slots, self._blind_ns = np.arange(n_slots), round(1e9 * blind_s)
         self._pitch = np.array([placed.patch.pitch for placed in arm.patches])[arm.tactel_patch]
         self._radius, self._taper, self._period, self._length = arm.link_shapes.T
+        self._turn = np.where(self._period > 0.0, self._period, 1.0)
         self._waiting: list[tuple[KeptTrack, float]] = []
         self.last = (0, 0)
         """The identity and the number that were given last."""
@@ -263,19 +265,21 @@ class Tracker:
         self._take(c, dt, t_ns)
         self._spawn(c, t_ns)
 
-        shown = self._tracks.copy()
-        shown["row"] = np.append(c["row"], -1)[shown["row"]]
-        contact_row = np.full(len(contacts), -1, np.int64)
+        w, contact_row = self._tracks, np.full(len(contacts), -1, np.int64)
         contact_row[c["row"]] = c["track"]
-        mean = shown["mean"][:, [0, 1, 0, 1, 2], [0, 0, 1, 1, 0]]
-        columns = {name: shown[name] for name in _PUBLIC}
+        mean = w["mean"][:, [0, 1, 0, 1, 2], [0, 0, 1, 1, 0]]
+        columns = {name: w[name].copy() for name in _PUBLIC}
+        columns["row"] = np.append(c["row"], -1)[w["row"]]
         return Tracks(t_ns=t_ns, mean=mean, contact_row=contact_row, **columns)
 
     def _begin(self, t_ns: int, fresh: Bools) -> float:
         """Carry the tracks that were not lifted on to a cycle; return the step, s."""
         dt_ns = 0 if self._last_ns is None else t_ns - self._last_ns
         self._last_ns, dt = t_ns, 1e-9 * max(dt_ns, 0)
-        w = self._tracks = self._tracks[self._tracks["state"] != LIFT]
+        is_over = self._tracks["state"] == LIFT
+        if is_over.any():
+            self._tracks = self._tracks[~is_over]
+        w = self._tracks
         if dt_ns < 0:  # the clock was set back: everything that was remembered goes with it
             w["born_ns"] += dt_ns
             w["seen_ns"] += dt_ns
@@ -289,9 +293,9 @@ class Tracker:
         w["row"], w["shared"] = -1, False
         w["missed"] += 1
         w["mean"][:, :, 0] += dt * w["mean"][:, :, 1]
-        phi = np.array([[1.0, 0.0, 0.0], [2.0 * dt, 1.0, 0.0], [dt * dt, dt, 1.0]])
-        q = np.outer(ACCELERATION, [dt**3 / 3.0, dt**2 / 2.0, dt]) + np.outer(WALK, [dt, 0.0, 0.0])
-        w["covariance"] = w["covariance"] @ phi + q
+        q = ACCELERATION * [dt**3 / 3.0, dt**2 / 2.0, dt]
+        q[2, 0] = WALK * dt
+        w["covariance"] = w["covariance"] @ [[1.0, 0.0, 0.0], [2.0 * dt, 1.0, 0.0], [dt * dt, dt, 1.0]] + q
         return dt
 
     def _pair(self, c: Rows, t_ns: int) -> Floats:
@@ -322,8 +326,7 @@ class Tracker:
 
     def _wrap(self, a: Floats, link: Ints) -> Floats:
         """Return a (m) on links within half a turn of 0."""
-        period = self._period[link]
-        return np.asarray(a - period * np.round(a / np.where(period > 0.0, period, 1.0)))
+        return np.asarray(a - self._period[link] * np.rint(a / self._turn[link]))
 
     def _miss(self, k: int, c: Rows, away: Floats, t_ns: int, fresh: Bools) -> None:
         """Decide for a track without a contact why that is, and whether it has ended."""
@@ -345,27 +348,28 @@ class Tracker:
 
     def _take(self, c: Rows, dt: float, t_ns: int) -> None:
         """Take in what tracks are seen as; correct the filters of those that do not share their contact."""
-        (i,) = np.nonzero(self._tracks["row"] >= 0)
-        t = self._tracks[i]
-        c = c[t["row"]]
-        t["s"], t["a"], t["force"] = c["z"].T
-        t["patch"], t["missed"], t["is_hidden"], t["seen_ns"] = c["patch"], 0, False, t_ns - c["age_ns"]
-        x, p, age = t["mean"], t["covariance"], 1e-9 * c["age_ns"][:, None]
-        off = c["z"] - x[..., 0] + age * x[..., 1]
-        off[:, 1] = self._wrap(off[:, 1], t["link"])
+        w = self._tracks
+        (i,) = np.nonzero(w["row"] >= 0)
+        c = c[w["row"][i]]
+        z, age, x, p = c["z"], 1e-9 * c["age_ns"][:, None], w["mean"][i], w["covariance"][i]
+        off = z - x[..., 0] + age * x[..., 1]
+        off[:, 1] = self._wrap(off[:, 1], c["link"])
         common = p[..., :2] - age[..., None] * p[..., 1:]  # of value and speed with what is seen
         variance = common[..., 0] - age * common[..., 1] + c["r"]
-        is_off = (off**2 / variance)[:, :2].sum(axis=1) > GATE
-        takes = (dt > 0.0) & ~t["shared"]
-        gain = common / variance[..., None] * (takes & (~is_off | t["doubted"]))[:, None, None]
+        is_off, doubted = (off**2 / variance)[:, :2].sum(axis=1) > GATE, w["doubted"][i]
+        takes = ~w["shared"][i] & (dt > 0.0)
+        gain = common / variance[..., None] * (takes & (~is_off | doubted))[:, None, None]
         x += gain * off[..., None]
         p -= gain[..., [0, 0, 1]] * common[..., [0, 1, 1]]
-        t["doubted"] = np.where(takes, is_off & ~t["doubted"], t["doubted"])
-        x[:, 1, 0] = self._wrap(x[:, 1, 0], t["link"])
-        least2 = np.maximum(SPEED_MOVE**2, 9.0 * p[:, :2, 2].max(axis=1))
-        t["moving"] = (x[:, :2, 1] ** 2).sum(axis=1) > np.where(t["moving"], SPEED_HELD**2, least2)
-        t["state"] = np.where(t["moving"], MOVE, HELD)
-        self._tracks[i] = t
+        x[:, 1, 0] = self._wrap(x[:, 1, 0], c["link"])
+        speed2, sure2 = (x[:, :2, 1] ** 2).sum(axis=1), 9.0 * p[:, :2, 2].max(axis=1)
+        moving = speed2 > np.where(w["moving"][i], SPEED_HELD**2, np.maximum(SPEED_MOVE**2, sure2))
+        w["s"][i], w["a"][i], w["force"][i] = z.T
+        w["patch"][i], w["seen_ns"][i] = c["patch"], t_ns - c["age_ns"]
+        w["missed"][i], w["is_hidden"][i] = 0, False
+        w["mean"][i], w["covariance"][i], w["moving"][i] = x, p, moving
+        w["doubted"][i] = np.where(takes, is_off & ~doubted, doubted)
+        w["state"][i] = np.where(moving, MOVE, HELD)
 
     def _spawn(self, c: Rows, t_ns: int) -> None:
         """Begin a track for contacts that have none, the strongest first; give free slots to the oldest."""
@@ -399,7 +403,7 @@ class Tracker:
 
 def _usable(contacts: Contacts) -> Rows:
     """Return the contacts that can be used, the strongest first, in whatever order they come."""
-    z = np.stack([contacts.s, contacts.a, contacts.force], axis=-1)
+    z = np.array([contacts.s, contacts.a, contacts.force]).T
     is_usable = (np.abs(z) < FAR).all(axis=1) & (z[:, 2] >= 0.0)  # false for NaN
     order = np.lexsort((z[:, 1], z[:, 0], contacts.link, -z[:, 2]))
     rows = order[is_usable[order]][:MAX_TRACKS]
