@@ -93,7 +93,7 @@ class Estimator:
         self._layout = layout._replace(sigma=_read_only(self._sigma), limit=_read_only(self._limit))
         self._work = make_workspace(self._layout)
         self._search = make_search(self._layout)
-        self._search.pitch[0] = pitch_of(self._layout)
+        self._search.pitch[0] = pitch_of(arm)
         self._tables = array_table(self._layout), array_table(self._work), array_table(self._search)
         self._work.options[:] = (
             0 if k is None else min(operator.index(k), PATCH_CLUSTERS),

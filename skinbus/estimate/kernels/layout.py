@@ -173,17 +173,9 @@ def length_unit(arm: Arm) -> float:
     return float(4.0 ** round(math.log(size / USUAL_BOARD, 4.0)))
 
 
-def pitch_of(lay: Layout) -> float:
-    """Return the median distance of a tactel from the nearest of its link (m); half a board for one alone."""
-    nearest = []
-    for patch in range(len(lay.patch_link)):
-        own = slice(lay.patch_start[patch], lay.patch_start[patch + 1])
-        d = np.hypot(lay.x[own, None] - lay.x[own], lay.y[own, None] - lay.y[own])
-        np.fill_diagonal(d, np.inf)
-        nearest.append(d.min(axis=1))
-    found = np.concatenate(nearest)
-    found = found[np.isfinite(found)]
-    return float(np.median(found)) if len(found) else 0.5 * USUAL_BOARD
+def pitch_of(arm: Arm) -> float:
+    """Return the median pitch of the boards on their links, in the length unit of the arm."""
+    return float(np.median([placed.patch.pitch * placed.scale for placed in arm.patches])) / length_unit(arm)
 
 
 def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, Ints]:
