@@ -56,13 +56,15 @@ class Phase(Enum):
     STOPPED = "stopped"
 
 
-class RegionForces(NamedTuple):
-    """The largest force of a contact in each region, in one cycle."""
+class RegionPeaks(NamedTuple):
+    """What presses most on each region, in one cycle."""
 
     t_ns: int
     """Of its SYNC, by the clock of this machine."""
     forces: Sequence[float]
-    """N."""
+    """N, of a contact."""
+    pressures: Sequence[float]
+    """Pa, of a tactel: patches compare with the transient factor, too, for however long it lasts."""
 
 
 @dataclass(slots=True)
@@ -100,14 +102,14 @@ class Guard(Core):
         self.phase, self.reason = Phase.WAITING, ""
         self.is_ending = False
         """Stop if it guards; another thread sets it."""
-        self.contacts: RegionForces | None = None
+        self.contacts: RegionPeaks | None = None
         """The newest, None while there are none; another thread sets it."""
         self._settings, self._stops, self._acknowledges = settings, stops, acknowledges
         self.n_buses = len(arm.buses)
         self._now_ns = self._say_ns = 0
         self._said = ""
         self._events: list[Event] = []
-        self._above_ns: dict[int, int] = {}
+        self._above_ns: dict[tuple[str, str], int] = {}
         self._has_contacts = needs_contacts
         self._contacts = _Watched("contacts", round(CYCLES * 1e9 / arm.bus.rate_hz))
         self._watched = [self._contacts] if needs_contacts else []
@@ -206,7 +208,7 @@ class Guard(Core):
         if frame.data in (b"\x04", b"\x05", b"\x7f"):  # a boot-up message is none
             master.due_ns = min(frame.t_ns, self._now_ns) + master.allowed_ns
 
-    def _look(self, contacts: RegionForces | None) -> None:
+    def _look(self, contacts: RegionPeaks | None) -> None:
         """Go on to guarding when all is well, and to the stop when something is not."""
         now_ns, seen = self._now_ns, self._contacts
         seen.due_ns = min(contacts.t_ns, now_ns) + seen.allowed_ns if contacts else -1
@@ -227,17 +229,20 @@ class Guard(Core):
             elif contacts:
                 self._judge(contacts)
 
-    def _judge(self, contacts: RegionForces) -> None:
+    def _judge(self, contacts: RegionPeaks) -> None:
         """Compare the contacts of a cycle with the limits of their regions."""
         t_ns = contacts.t_ns
-        for k, (region, force) in enumerate(zip(self._settings.regions, contacts.forces, strict=True)):
-            if not force > region.force:
-                self._above_ns.pop(k, None)
-                continue
-            lasts_ns = t_ns - self._above_ns.setdefault(k, t_ns)
-            if force > region.transient_factor * region.force or lasts_ns > self._settings.transient_ns:
-                beyond = f"beyond {region.force:g} N for {lasts_ns // 1_000_000} ms"
-                self._stop(f"contact of {force:.1f} N in region {region.name}, {beyond}")
+        of_regions = zip(self._settings.regions, contacts.forces, contacts.pressures, strict=True)
+        for region, force, pressure in of_regions:
+            for unit, value, limit in (("N", force, region.force), ("Pa", pressure, region.pressure)):
+                key = region.name, unit
+                if not value > limit:
+                    self._above_ns.pop(key, None)
+                    continue
+                lasts_ns = t_ns - self._above_ns.setdefault(key, t_ns)
+                if value > region.transient_factor * limit or lasts_ns > self._settings.transient_ns:
+                    beyond = f"beyond {limit:g} {unit} for {lasts_ns // 1_000_000} ms"
+                    self._stop(f"contact of {value:.1f} {unit} in region {region.name}, {beyond}")
 
     def _stop(self, reason: str) -> None:
         if self.phase is not Phase.STOPPED:

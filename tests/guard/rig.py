@@ -6,7 +6,7 @@ from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm, ods_of
 from skinbus.guard.stops import parse_stop
-from skinbus.guard.watch import Guard, Phase, RegionForces
+from skinbus.guard.watch import Guard, Phase, RegionPeaks
 from skinbus.model.guard import GuardRegion, GuardSettings
 from skinbus.objects.guard import liveness_pdo
 
@@ -36,7 +36,7 @@ class Rig:
     """A guard, with drives to be stopped on the last bus."""
 
     def __init__(self, name="pad", *, stops=("cia402:100",), **settings):
-        self.arm = first_patches(ARMS[name], force=10.0, transient_factor=2.0)
+        self.arm = first_patches(ARMS[name], force=10.0, pressure=3e4, transient_factor=2.0)
         self.where = f"{self.arm.buses[-1].name}/" if len(self.arm.buses) > 1 else ""
         told = [parse_stop(stop.replace(":", f":{self.where}", 1), self.arm) for stop in stops]
         ods = ods_of(self.arm)
@@ -75,10 +75,11 @@ class Rig:
         assert self.guard.phase is Phase.GUARDING
         return self
 
-    def press(self, *forces, after=20 * MS):
-        """Let the master show the largest forces in the regions."""
+    def press(self, *forces, pa=0.0, after=20 * MS):
+        """Let the master show the largest forces in the regions, and a pressure in all."""
         self.now_ns += after
-        self.guard.contacts = RegionForces(self.now_ns, np.resize(forces, len(self.patches)).tolist())
+        n = len(self.patches)
+        self.guard.contacts = RegionPeaks(self.now_ns, np.resize(forces, n).tolist(), [pa] * n)
         return self.step(*self.well())
 
     def answer(self, data="6040600000000000"):

@@ -7,7 +7,7 @@ import pytest
 
 from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm
-from skinbus.guard.watch import Phase, RegionForces
+from skinbus.guard.watch import Phase, RegionPeaks
 from skinbus.objects.guard import GuardLimits
 from tests.guard.rig import GFC, LOST, MS
 from tests.guard.whole import PLATE, Talker, Whole
@@ -91,7 +91,7 @@ def spread(whole, is_shared=True):
     """One contact of 50 N on both boards, which may have 60 N each; the region may have it for 0.5 s."""
     whole.press([0, 12, 16, 28], 25.0)
     for _ in range(60 * is_shared):
-        whole.guard.contacts = RegionForces(whole.now_ns, [65.0])
+        whole.guard.contacts = RegionPeaks(whole.now_ns, [65.0], [0.0])
         whole.run(10)
 
 

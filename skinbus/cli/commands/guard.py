@@ -24,7 +24,7 @@ from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import ShareError
 from skinbus.formatting import counted
 from skinbus.guard.stops import NodeWrite, OutsideStop, parse_stop
-from skinbus.guard.watch import ENDED, Guard, Phase, RegionForces, region_forces
+from skinbus.guard.watch import ENDED, Guard, Phase, RegionPeaks, region_forces
 from skinbus.model import Arm
 from skinbus.model.guard import GuardSettings
 from skinbus.skin.addresses import shown
@@ -134,7 +134,7 @@ class SharedContacts:
         self._name, self._arm, self._settings, self._geometry = name, arm, settings, digest(arm)
         self._reader: SharedReader | None = None
 
-    def read(self) -> RegionForces | None:
+    def read(self) -> RegionPeaks | None:
         """Return the newest; None while nobody shares any."""
         try:
             reader = self._reader = self._reader or SharedReader(self._name)
@@ -143,7 +143,10 @@ class SharedContacts:
                     return None
                 found = slot["contacts"][: slot["n_contacts"]]
                 columns = (found[name] for name in ("link", "s", "a", "force"))
-                return RegionForces(int(slot["t_ns"]), region_forces(self._arm, self._settings, *columns))
+                forces = region_forces(self._arm, self._settings, *columns)
+                inside = [region.tactels for region in self._settings.regions]
+                pressures = [float(slot["pressures"][own].max(initial=0.0)) for own in inside]
+                return RegionPeaks(int(slot["t_ns"]), forces, pressures)
         except ShareError:
             pass
         if self._reader:
@@ -185,7 +188,10 @@ def _call(stop: OutsideStop) -> Callable[[], Any]:
     """Return what does a stop; what is not there is refused."""
     if stop.kind == "python":
         return function_named(stop.what)
-    words = shlex.split(stop.what)
+    try:
+        words = shlex.split(stop.what)
+    except ValueError as error:
+        raise click.UsageError(f"--stop command: {error}") from error
     if shutil.which(words[0]) is None:
         raise click.UsageError(f"--stop command: there is no program {words[0]!r}")
     return partial(subprocess.run, words, stdin=subprocess.DEVNULL, start_new_session=True, check=True)

@@ -1,16 +1,26 @@
 """`skinbus guard` beside a patch and a master that are played by a core."""
 
+import os
 import subprocess
 import sys
+from contextlib import closing
 
+import numpy as np
 import pytest
 
 from skinbus.can.core import Core, Step
 from skinbus.can.frame import Frame
+from skinbus.cli.commands.guard import SharedContacts
 from skinbus.config.arm_file import find_arm
-from skinbus.guard.watch import Guard, Phase
+from skinbus.config.system import load_arm
+from skinbus.guard.watch import Guard, Phase, RegionPeaks
+from skinbus.skin.contact import CONTACT
+from skinbus.skin.cycle import PATCH, Readings, SkinLayout
+from skinbus.skin.shared_memory import SharedWriter
 from tests.cli.invoke import refused
 from tests.guard.rig import ARMED, GFC, MS, QUICK_STOP
+from tests.skin.scripted import made_cycle
+from tests.skin.shared_processes import LAYOUT, uniform
 
 GUARD = """
 [guard]
@@ -108,14 +118,34 @@ def test_a_fault_of_the_guard_itself_is_a_stop(own_bus, arm, monkeypatch):
 def test_what_cannot_stop_or_is_not_guarded_is_refused_before_the_bus(arm):
     said = {
         "command:no-such-program": "there is no program 'no-such-program'",
+        "command:halt 'now": "No closing quotation",
         "python:no_such_module:f": "No module named 'no_such_module'",
         f"{HERE}nothing": "no attribute 'nothing'",
-        "cia402:1": "wanted a node-ID, 1 to 127, that no patch has",
+        "cia402:1": "wanted a node-ID, 1 to 127, that neither a patch nor the master has",
     }
     for word, why in said.items():
         assert why in refused("guard", arm, "--stop", word)
     assert "has no [guard]" in refused("guard", "pad", "--stop", "cia402:100")
     assert "Missing option '--stop'" in refused("guard", arm)
+
+
+def test_what_a_master_shares_is_read_by_region_and_that_of_another_arm_is_not(arm):
+    loaded, name = load_arm(arm), f"guard-{os.getpid()}"
+    layout = SkinLayout.of(loaded)
+    records, pressures = np.zeros(2, CONTACT), np.zeros(16)
+    records["force"], records["s"], pressures[3] = (3.0, 7.0), loaded.tactel_s[5], 4096.0
+    readings = Readings(pressures, np.ones(16, bool), np.zeros(16, np.uint8))
+    patches = np.zeros(1, PATCH)
+    cycle = made_cycle(1, 5, layout, records=records, patch_records=patches, readings=readings)
+    shared = SharedContacts(name, loaded, loaded.guard)
+    for shown, written, wanted in (
+        (LAYOUT, uniform(1), None),
+        (layout, cycle, RegionPeaks(5, [7.0], [4096.0])),
+    ):
+        assert shared.read() is None
+        with closing(SharedWriter(name, shown)) as writer:
+            writer.write(written)
+            assert shared.read() == wanted
 
 
 def test_it_runs_without_numba_and_estimator(arm):
