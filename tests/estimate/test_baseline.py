@@ -149,7 +149,7 @@ def test_zero_that_drifts_out_of_its_band_takes_its_tactel_out(skin):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("has_started", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("has_started", [True, False])
 def test_patch_that_falls_silent_while_touched_holds_up_its_neighbour_for_a_time_only(skin, has_started):
     touch, without_0 = np.where(ARM.tactel_patch == 0, 20e3, 0.0), np.array([False, True, True])
     drifted = np.where(ARM.tactel_patch == 1, 300.0, 0.0)

@@ -31,11 +31,9 @@ def test_contacts_are_counted_and_reach_the_bound(arm, level, draw, n, right, ra
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("level", ["fit", pytest.param("full", marks=SLOW)])
+@pytest.mark.parametrize("level", ["fit", "full"])
 @pytest.mark.parametrize(
-    ("arm", "draw"),
-    [(PAD, "one 2-20 N"), pytest.param(cone_forearm(), "seam", marks=SLOW)],
-    ids=["one", "seam"],
+    ("arm", "draw"), [(PAD, "one 2-20 N"), (cone_forearm(), "seam")], ids=["one", "seam"]
 )
 def test_reported_covariance_is_neither_proud_nor_shy(arm, draw, level):
     found = run(Estimator(arm, level), DRAWS[draw], 2500, np.random.default_rng(6))

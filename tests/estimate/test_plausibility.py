@@ -25,16 +25,6 @@ from tests.skins import feel_of
 ROW_INSIDE = [BOARD.start + k for k in range(4, 8)]
 
 
-def begin_at(cycle, tactels, value):
-    """A fault: from a cycle on these tactels read a value."""
-
-    def mend(raw, now, rng):
-        if now >= cycle:
-            raw[tactels] = value
-
-    return mend
-
-
 @pytest.mark.parametrize("rail", [-250.1e3, TOP])
 def test_zeros_from_before_a_rail_are_taken_up_again_under_the_same_finger(rail):
     skin = Skin(25, lambda raw, now, rng: raw.__setitem__(BOARD, rail) if 200 <= now < 260 else None)
@@ -55,7 +45,7 @@ def test_zeros_from_before_a_rail_are_taken_up_again_under_the_same_finger(rail)
 def test_corner_stuck_at_full_scale_is_missing_whatever_touches_beside_it(was_touched):
     """Beyond a corner there may be a second contact: only its onset shows that there is none."""
     for seed in range(27, 37):
-        skin = Skin(seed, begin_at(150, CORNER, TOP))
+        skin = Skin(seed, lambda raw, now, rng: raw.__setitem__(CORNER, TOP) if now >= 150 else None)
         skin.read(cycles=100)
         touch = press_at(CORNER + 5, skin.rng, 0.008)
         skin.read(touch if was_touched else NO_TOUCH, cycles=50 if was_touched else 60)

@@ -38,7 +38,7 @@ def test_slow_level_is_to_blame_when_only_computing_is_too_long():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["pad", pytest.param("forearm", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["pad", "forearm"])
 def test_simulated_wire_keeps_every_bound_of_its_cycle(name):
     scene = load_scene(name)
     bounds = cycle_times(traffic(ods_of(scene.arm), rate_hz=scene.arm.bus.rate_hz).messages, 1_000_000)

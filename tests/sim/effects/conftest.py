@@ -31,8 +31,8 @@ def apply(forearm):
 def mount(forearm):
     """``mount(effect)``: the geometry after an effect of the mounting."""
 
-    def run(effect, *, arm=forearm, seed=7, discs=True):
-        geometry = Geometry.of(arm, discs=discs)
+    def run(effect, *, arm=forearm, seed=7):
+        geometry = Geometry.of(arm, discs=True)
         effect.bind(arm, stream(seed, effect.name))(geometry)
         return geometry
 
@@ -70,7 +70,7 @@ def ods_by_arm():
 def simulate(pad, ods_by_arm):
     """``simulate(effects, n_syncs)``: a world of a pressed arm, booted, started, and sent SYNCs."""
 
-    def run(effects=(), n_syncs=30, *, arm=pad, seed=1):
+    def run(effects=(), n_syncs=30, *, arm=pad):
         touch = Touch(
             link=0,
             path=np.array([[0.0, 0.028, 0.003]]),
@@ -78,9 +78,7 @@ def simulate(pad, ods_by_arm):
             inclination=0.3,  # acts where shear is named
             direction=0.7,
         )
-        scene = Scene(
-            "test", arm, duration_s=1e3, seed=seed, layer=Elastic(), touches=[touch], effects=effects
-        )
+        scene = Scene("test", arm, duration_s=1e3, seed=1, layer=Elastic(), touches=[touch], effects=effects)
         result = Run()
         result.world = world = World(scene, ods_by_arm(arm))
         inner = world.step
