@@ -24,16 +24,10 @@ class History:
 
     def __init__(self) -> None:
         self._bins: dict[int, dict[int, float]] = {}
-        self._last_number = 0
-        self.n_lost = 0
-        """Cycles that the source made and that have not come here."""
 
     def take(self, cycle: Cycle) -> None:
         """Add a cycle; one of an earlier time begins anew."""
         bins, now, records = self._bins, cycle.t_ns // STEP_NS, cycle.records
-        if cycle.number > self._last_number > 0:  # else the source is another one
-            self.n_lost += cycle.number - self._last_number - 1
-        self._last_number = cycle.number
         if any(k > now for k in bins):
             bins.clear()
         before = bins.get(now, {})
@@ -101,6 +95,11 @@ class Follower:
     def pace(self) -> float:
         """Seconds of the source in one of real time."""
         return self._skin.pace
+
+    @property
+    def n_lost(self) -> int:
+        """Cycles that the source made, since it was opened, and that have not come here."""
+        return self._skin.n_lost
 
     @property
     def has_ended(self) -> bool:

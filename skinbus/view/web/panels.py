@@ -145,11 +145,10 @@ def head(
     tint = {"good": "#2b8a3e", "waiting": "#e67700", "lost": "#e03131", "idle": "#868e96"}[kind]
     badge = f'<span class="badge" style="background:{tint}">{text(word)}</span>'
     lines = "".join(f'<div class="waiting">{text(note)}</div>' for note in notes if note)
-    n_lost = source.history.n_lost
-    lost = f", {n_lost} lost" if n_lost else ""
+    lost = f", {source.n_lost} lost" if source.n_lost else ""
     return panel(
         f"<div><b>{text(title)}</b> {badge}</div>"
-        f'<div class="key">{source.n_cycles + n_lost} cycles{lost}, {n_drawn} drawn</div>{lines}'
+        f'<div class="key">{source.n_cycles + source.n_lost} cycles{lost}, {n_drawn} drawn</div>{lines}'
     )
 
 

@@ -32,7 +32,7 @@ class Fixed:
     """A source whose cycle stays as it is, until it is another's turn."""
 
     silent_s, pace, error, has_ended, has_zeros = 0.0, 1.0, None, False, True
-    gone = "no cycles: bus or master is gone"
+    gone, n_lost = "no cycles: bus or master is gone", 0
 
     def __init__(self, *cycles):
         self.history, self.newest = History(), cycles[-1]

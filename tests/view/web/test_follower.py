@@ -22,13 +22,6 @@ def test_forces_are_the_largest_of_each_tenth_of_a_second():
     assert not forces[:-21].any()
 
 
-def test_lost_cycles_are_counted_and_a_new_source_is_no_loss():
-    history = History()
-    for n in (1, 2, 5, 6, 1, 2):
-        history.take(made_cycle(n))
-    assert history.n_lost == 2
-
-
 class Source:
     """A skin that has these cycles."""
 

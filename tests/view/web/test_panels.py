@@ -8,7 +8,6 @@ import pytest
 from skinbus.skin.cycle import CycleFlags, PatchState
 from skinbus.skin.pressed import PressedLoads
 from skinbus.view.web import panels
-from skinbus.view.web.follower import History
 from tests.view.web.cycles import ARM, made_cycle
 
 
@@ -19,7 +18,7 @@ def source(**changes):
         "pace": 1.0,
         "gone": "gone",
         "n_cycles": 7,
-        "history": History(),
+        "n_lost": 0,
     }
     return SimpleNamespace(**usual | changes)
 
