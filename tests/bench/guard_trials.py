@@ -39,7 +39,7 @@ ARMS = {
 BOUND_NS = 1_500_000
 """From a crossing to GFC on the wire."""
 FRESH = 50
-"""After so many trials everybody is new."""
+"""After so many trials, and after the death of the master, everybody is new."""
 SETTLED_MS = 300
 """So long it must have guarded before the next trial."""
 SHARED = {
@@ -124,7 +124,7 @@ def play_faults(folder, n, seed=0):
     n_faults, n_crossings, wrong, names = 0, 0, [], []
     rng, causes = np.random.default_rng(seed), [name for name in SEEN if "contact" not in name]
     for k in range(n):
-        if k % FRESH == 0:
+        if k % FRESH == 0 or "the master dies" in names:
             whole = Whole(arm, k)
         whole.repair()
         try:

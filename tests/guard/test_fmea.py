@@ -16,6 +16,8 @@ from tests.master.misbehaving import Tool
 PAGE = Path(__file__).parents[2] / "docs/guard.md"
 TRIP, SILENCE, MASTER_DIES = 2, LOST // MS + 2, 1252
 """ms: after a press, the last sign of life of a patch, and the last one of the master."""
+OTHER = GuardLimits(1, 1, 2**31 - 1, np.full(16, 32767), np.ones(16, int)).encode()
+"""Limits that nothing exceeds."""
 
 
 def press(whole):
@@ -50,9 +52,13 @@ def bus_off(whole):
 
 def write_limits(whole, damage=0):
     """Somebody writes limits that nothing exceeds; then it is pressed."""
-    data = GuardLimits(1, 1, 2**31 - 1, np.full(16, 32767), np.ones(16, int)).encode()
-    whole.join(Tool(1, [(0x2081, 0, bytes([data[0] ^ damage]) + data[1:])]))
+    whole.join(Tool(1, [(0x2081, 0, bytes([OTHER[0] ^ damage]) + OTHER[1:])]))
     whole.run(5)
+    press(whole)
+
+
+def write_unheard(whole):
+    whole.device(0).set(0x2081, 0, OTHER)
     press(whole)
 
 
@@ -80,11 +86,6 @@ def master_hangs(whole):
 
 def deaf(whole):
     whole.plug.hears = lambda frame: False
-
-
-def no_drive(whole):
-    whole.bus.detach(whole.drive_port)
-    press(whole)
 
 
 def spread(whole, is_shared=True):
@@ -128,13 +129,14 @@ SEEN = {
     "the master dies": (master_dies, MASTER_DIES),
     "the bus of the guard process is lost": (deaf, SILENCE),
     "the guard process is ended": (end, 10),
-    "what stops the robot does not answer": (no_drive, TRIP),
+    "what stops the robot does not answer": (press, TRIP),
     "a contact is spread over several patches, with `--contacts`": (spread, 610),
 }
 UNSEEN = {
     "a contact is spread over several patches, without `--contacts`": lambda w: spread(w, is_shared=False),
     "a tactel is dead or frozen, and nobody has noticed": dead,
     "a touch on a patch without limits": lambda w: w.press([40], 40.0),
+    "somebody writes other limits, and the master does not hear it": write_unheard,
     "the master hangs and still sends heartbeats, while zeros drift": master_hangs,
     "the guard process is killed (SIGKILL)": kill,
 }

@@ -1,12 +1,11 @@
-"""A guarded arm on the bit-exact bus: boards, master, guard and a drive are cores, and any may be broken."""
+"""A guarded arm on the bit-exact bus: boards, master and guard are cores, and any may be broken."""
 
 from functools import partial
 
 import numpy as np
 
 from skinbus.can.core import NEVER, Core, Step
-from skinbus.can.event import Event, EventKind
-from skinbus.can.frame import Frame
+from skinbus.can.event import EventKind
 from skinbus.can.virtual_buses import VirtualBuses
 from skinbus.config.system import ods_of
 from skinbus.guard.stops import parse_stop
@@ -59,21 +58,12 @@ class Plug(Wrapped):
         return step._replace(frames=[*filter(self.says, step.frames)])
 
 
-class Drive(Core):
-    """Node 100: confirms what it is told."""
-
-    cob_ids = frozenset({QUICK_STOP[0]})
-
-    def step(self, now_ns, frames):
-        return Step([Frame(0x5E4, bytes.fromhex("6040600000000000")) for _ in frames], (), now_ns + 10**12)
-
-
 class Talker(Core):
-    """Somebody who says the same again and again."""
+    """Somebody who says the same again and again, or once."""
 
     cob_ids = frozenset()
 
-    def __init__(self, frame, every_ns):
+    def __init__(self, frame, every_ns=NEVER):
         self.frame, self.every_ns = frame, every_ns
 
     def step(self, now_ns, frames):
@@ -81,7 +71,7 @@ class Talker(Core):
 
 
 class Whole:
-    """All of them; the drive is on the first bus."""
+    """All of them; a drive would be node 100 of the first bus, but nobody answers there."""
 
     def __init__(self, arm, seed=0):
         self.arm, rng = arm, np.random.default_rng(seed)
@@ -106,7 +96,6 @@ class Whole:
         self.plug = Plug(self.new_guard())
         self.guard_ports = self.wires.attach(self.plug, on_event=self.events.append)
         self.bus = self.wires.wires[0]
-        self.drive_port = self.bus.attach(Drive())
         for bus, wire in enumerate(self.wires.wires):
             wire.tap(lambda frame, bus=bus: self.frames.append(frame._replace(bus=bus)))
 
@@ -159,19 +148,17 @@ class Whole:
 
     def say(self, *frames):
         """Let somebody say something on the first bus."""
-        self.bus.submit(self.drive_port, self.now_ns, frames)
+        for frame in frames:
+            self.join(Talker(frame))
 
     def repair(self):
-        """Undo what was done to anybody, on one bus."""
+        """Undo what was done to anybody but the master, on one bus."""
         for plug in (*self.boards, self.plug):
             plug.repair()
         self.healthy, self.age_ns, self.frozen_ns = np.ones_like(self.healthy), 0, None
         for port in self.strangers:
             self.bus.detach(port)
-        if not self.master_ports[0].attached:  # it sees so, and then that the bus is back
-            for kind in (EventKind.BUS_LOST, EventKind.BUS_BACK):
-                self.master.bus_news(self.now_ns, Event(t_ns=self.now_ns, kind=kind))
-        for port in (*self.ports, *self.master_ports, *self.guard_ports, self.drive_port):
+        for port in (*self.ports, *self.guard_ports):
             self.bus.restart(port)
         self.again()
 
