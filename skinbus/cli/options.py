@@ -125,14 +125,13 @@ zero_option = click.option("--zero", is_flag=True, help="Take the first readings
 def function_named(value: str) -> Callable[[], Any]:
     """Return the function that MODULE:FUNCTION names; modules are looked for here first, as by python -m."""
     module, _, name = value.partition(":")
-    if not module or not name:
+    if not (module and name):
         raise click.BadParameter(f"{value!r} is no function: wanted MODULE:FUNCTION, such as my_sensor:read")
     sys.path.insert(0, "")
     try:
-        found = getattr(import_module(module), name)
-    except (ImportError, AttributeError) as error:
-        raise click.BadParameter(str(error)) from error
+        found: Callable[[], Any] = getattr(import_module(module), name)
+    except Exception as error:  # a module of the user may raise anything
+        raise click.BadParameter(f"{value}: {error}") from error
     if not callable(found):
         raise click.BadParameter(f"{value} is of type {type(found).__name__}; wanted a function")
-    function: Callable[[], Any] = found
-    return function
+    return found

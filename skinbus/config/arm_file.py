@@ -25,7 +25,7 @@ from skinbus.config.arm_tables import (
     beside,
     is_path,
 )
-from skinbus.config.guard_tables import GuardTable, check_regions
+from skinbus.config.guard_tables import GuardTable, RegionTable, check_regions
 from skinbus.config.placement import Mounting, mount
 from skinbus.config.robot_tables import JointTable, RobotTable, robot_settings
 from skinbus.config.toml_file import find_toml, read_toml
@@ -105,9 +105,10 @@ def read_arm_file(path: Path) -> ArmFile:
 
 def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     """Return what the tables of an arm file say, and their faults; never raises for what is in them."""
-    known = f"one of {', '.join(_TABLES)}"
     faults = FaultList(
-        Fault(key, None, f"{known}{nearest(key, _TABLES)}") for key in tables if key not in _TABLES
+        Fault(key, None, f"one of {', '.join(_TABLES)}{nearest(key, _TABLES)}")
+        for key in tables
+        if key not in _TABLES
     )
     arm = _check(ArmTable, tables.get("arm", {}), "arm", faults)
     checked = {kind: list(_check_all(tables, kind, faults)) for kind in _MODELS}
@@ -167,7 +168,8 @@ def _check(model: type[Table], table: Any, key: str, faults: FaultList) -> Any:
     try:
         return model.model_validate(table)
     except ValidationError as error:
-        faults += faults_of(error.errors(include_url=False), key, list(model.model_fields))
+        known = [*model.model_fields], [*RegionTable.model_fields]  # only [guard] has tables in it
+        faults += faults_of(error.errors(include_url=False), key, *known)
         return None
 
 

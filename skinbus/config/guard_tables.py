@@ -107,7 +107,7 @@ def guard_settings(table: GuardTable, arm: Arm, faults: FaultList) -> GuardSetti
         for name, most in least.items():
             limit, most = getattr(region, name), most / region.transient_factor
             if limit and limit > most:
-                faults.add(f"{key}.{name}", limit, f"at most {most:.5g}, what every patch in it can state")
+                faults.add(f"{key}.{name}", limit, f"at most {most:.5g}: full scale over transient_factor")
     times = ("liveness", "transient", "reaction", "stop")
     in_ns = {f"{name}_ns": round(1e6 * getattr(table, f"{name}_ms")) for name in times}
     return GuardSettings(regions=tuple(regions), n=table.samples[0], m=table.samples[1], **in_ns)

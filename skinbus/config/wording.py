@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any
 
@@ -22,7 +23,7 @@ _WORDS = (
     (r"a valid string", "a text"),
     (r"a valid boolean.*", "true or false"),
     (r"a valid (list|tuple|array)", "an array"),
-    (r"(a valid dictionary|an object|a dictionary or an instance of \w+)", "a table"),
+    (r"(a valid dictionary( or instance of \w+)?|an object|a dictionary or an instance of \w+)", "a table"),
     (r" after validation, not \d+", ""),
     (r"String should match pattern '(.*)'", r"a text of the pattern \1"),
 )
@@ -35,8 +36,14 @@ _ABSENT = ("missing", "missing_argument", "missing_keyword_only_argument")
 _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 
 
-def faults_of(details: Iterable[Any], key: str, known: Sequence[str]) -> list[Fault]:
-    """Return the faults of a table that pydantic refused; ``known`` are the keys that it may have."""
+def faults_of(
+    details: Iterable[Any], key: str, known: Sequence[str], inner: Sequence[str] = ()
+) -> list[Fault]:
+    """Return the faults of a table that pydantic refused.
+
+    known: the keys that it may have
+    inner: the keys that a table in it may have
+    """
     found: dict[str, Fault] = {}
     for detail in details:
         where = key
@@ -45,14 +52,14 @@ def faults_of(details: Iterable[Any], key: str, known: Sequence[str]) -> list[Fa
                 where += f"[{part + 1}]"
             elif not depth or not _OF_TYPES.fullmatch(part):
                 where += f".{part}"
-        seen, wanted = detail["input"], _wanted(detail, known)
-        if detail["type"] in _ABSENT:
-            seen = None
-        before = found.get(where)
-        if before is None:
-            found[where] = Fault(where, seen, wanted)
-        elif wanted not in before.wanted.split(", or "):  # another branch of what the key may be
-            found[where] = Fault(where, before.seen, f"{before.wanted}, or {wanted}")
+        wanted = _wanted(detail, inner if detail["loc"][1:] else known)
+        seen = None if detail["type"] in _ABSENT else detail["input"]
+        before = found.setdefault(where, Fault(where, seen, wanted))
+        if wanted not in (
+            before.wanted,
+            *before.wanted.split(", or "),
+        ):  # another branch of what the key may be
+            found[where] = replace(before, wanted=f"{before.wanted}, or {wanted}")
     return list(found.values())
 
 

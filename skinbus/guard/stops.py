@@ -114,12 +114,14 @@ def parse_stop(text: str, arm: Arm) -> NodeWrite | OutsideStop:
     found = _OUTPUT.fullmatch(f"output:{what}:{QUICK_STOP}" if kind == "cia402" else text)
     if not found:
         raise AddressError(f"--stop {text}: wanted {WANTED}")
-    buses: dict[str | None, int] = {settings.name: k for k, settings in enumerate(arm.buses)}
-    if len(buses) == 1:
-        buses[None] = 0
-    if found[1] not in buses:
-        raise AddressError(f"--stop {text}: wanted BUS/NODE; the buses are {', '.join(filter(None, buses))}")
-    bus, node_id = buses[found[1]], int(found[2])
+    names = [settings.name for settings in arm.buses]
+    name = names[0] if found[1] is None and len(names) == 1 else found[1]
+    if name not in names:
+        wanted = (
+            f"BUS/NODE; the buses are {', '.join(names)}" if names[0] else "NODE alone: the bus has no name"
+        )
+        raise AddressError(f"--stop {text}: wanted {wanted}")
+    bus, node_id = names.index(name), int(found[2])
     if not 1 <= node_id <= MAX_NODE_ID or node_id in (MASTER_NODE_ID, *arm.node_id[arm.patches_on(bus)]):
         wanted = f"1 to {MAX_NODE_ID}, that neither a patch nor the master has"
         raise AddressError(f"--stop {text}: wanted a node-ID, {wanted}")

@@ -130,8 +130,9 @@ class Guard(Core):
             self._watched.append(master)
             self._handlers[bus, cia.HEARTBEAT_BASE + MASTER_NODE_ID] = partial(self._take_heartbeat, master)
         heard = {*self._handlers, *((write.bus, write.answer_id) for write in writes)}
-        numbers = range(len(arm.buses))
-        self._cob_ids = [frozenset({GFC_ID, *(i for k, i in heard if k == bus)}) for bus in numbers]
+        self._cob_ids = [
+            frozenset({GFC_ID, *(i for k, i in heard if k == bus)}) for bus in range(self.n_buses)
+        ]
 
     def cob_ids_on(self, bus: int) -> frozenset[int]:
         """GFC, liveness and EMCY of the patches, heartbeat of the master, answers to what is written."""

@@ -168,15 +168,18 @@ def test_values_are_checked_with_the_rest_of_the_file(tmp_path):
     path.write_text(
         ARM
         + "[guard]\nliveness_ms = 0\nsamples = [3, 2]\n[[guard.region]]\nname = 'a'\nforce_n = -1\n"
-        + "s_mm = [5, 4]\ntransient_factor = 0.5\n"
+        + "s_mm = [5, 4]\ntransient_factor = 0.5\nforce = 5\n"
     )
-    keys = {fault.key for fault in read_arm_file(path).faults}
-    region_keys = {f"guard.region[1].{key}" for key in ("force_n", "s_mm", "transient_factor", "source")}
-    assert keys == {"guard.liveness_ms", "guard.samples", *region_keys}
+    wanted = {fault.key: fault.wanted for fault in read_arm_file(path).faults}
+    region_keys = {
+        f"guard.region[1].{key}" for key in ("force_n", "s_mm", "transient_factor", "source", "force")
+    }
+    assert {*wanted} == {"guard.liveness_ms", "guard.samples", *region_keys}
+    assert wanted["guard.region[1].force"] == "no such key; did you mean 'force_n'?"
 
 
 def test_a_guard_without_regions_is_refused(tmp_path):
-    assert [text.split(":")[0] for text in faults(tmp_path, "")] == ["guard.region"]
+    assert faults(tmp_path, "") == ["guard.region: wanted a value; it has no default"]
 
 
 def test_limits_that_no_reading_exceeds_are_refused(tmp_path):
@@ -185,8 +188,8 @@ def test_limits_that_no_reading_exceeds_are_refused(tmp_path):
     assert load(tmp_path, text).guard
     text = region("high", "pressure_kpa = 126\ntransient_factor = 2\npatches = [2]\nforce_n = 313")
     assert faults(tmp_path, text) == [
-        "guard.region[1].force_n: is 313.0; wanted at most 312.5, what every patch in it can state",
-        "guard.region[1].pressure_kpa: is 126.0; wanted at most 125, what every patch in it can state",
+        "guard.region[1].force_n: is 313.0; wanted at most 312.5: full scale over transient_factor",
+        "guard.region[1].pressure_kpa: is 126.0; wanted at most 125: full scale over transient_factor",
     ]
 
 
@@ -195,8 +198,11 @@ def test_a_region_without_a_healthy_tactel_is_refused(tmp_path):
     # tactel 1 of the board on the table is declared dead
     text += region("dead", 'force_n = 5\nlink = "table"\ns_mm = [30, 40]\na_mm = [40, 46]')
     text += region("flat", 'force_n = 5\nlink = "table"\nangle_deg = [-180, 180]')
-    found = [text.split(":")[0] for text in faults(tmp_path, text)]
-    assert found == ["guard.region[1]", "guard.region[2]", "guard.region[3]"]
+    assert [text.split(":")[0] for text in faults(tmp_path, text)] == [
+        "guard.region[1]",
+        "guard.region[2]",
+        "guard.region[3]",
+    ]
 
 
 def test_boards_in_a_region_send_the_state_of_their_guard(tmp_path):

@@ -108,8 +108,10 @@ def command(
         say=say,
         urgent=True,
     )
-    guarded = f"{loaded.guarded.sum()} of {counted(loaded.n_patches, 'patch')} guarded on {shown(places)}"
-    echo(f"{loaded.name}: {guarded}; stops: {', '.join(stops)}; Ctrl-C stops the robot, too")
+    echo(
+        f"{loaded.name}: {loaded.guarded.sum()} of {counted(loaded.n_patches, 'patch')} guarded on "
+        f"{shown(places)}; stops: {', '.join(stops)}; Ctrl-C stops the robot, too"
+    )
     try:
         with host:
             host.wait(seconds, LOOK_S, lambda: setattr(guard, "contacts", contacts.read()))
@@ -164,7 +166,8 @@ class Outside:
         self._say = say
         ordered = sorted(stops, key=lambda stop: stop.kind != "python")
         self._threads = [
-            threading.Thread(target=self._wait, args=(stop, _call(stop)), daemon=True) for stop in ordered
+            threading.Thread(target=self._wait, args=(f"{stop.kind}:{stop.what}", _call(stop)), daemon=True)
+            for stop in ordered
         ]
         for thread in self._threads:
             thread.start()
@@ -174,14 +177,14 @@ class Outside:
         for thread in self._threads:
             thread.join(END_S)
 
-    def _wait(self, stop: OutsideStop, call: Callable[[], Any]) -> None:
+    def _wait(self, label: str, call: Callable[[], Any]) -> None:
         [*take_priority()]  # the core says what is not allowed
         self.begin.wait()
         try:
             call()
-            self._say(f"done: {stop.kind}:{stop.what}")
+            self._say(f"done: {label}")
         except BaseException as error:  # noqa: BLE001 - whatever a function raises is said
-            self._say(f"STOP FAILED: {stop.kind}:{stop.what}: {error!r}")
+            self._say(f"STOP FAILED: {label}: {error!r}")
 
 
 def _call(stop: OutsideStop) -> Callable[[], Any]:

@@ -215,14 +215,14 @@ def spread_faults(table: PressTable) -> tuple[list[str], list[str]]:
     notes: list[str] = []
     arm = table.arm
     if len(table) < FEWEST:
-        faults.append(f"{len(table)} presses are too few; {FEWEST} are the least, a hundred are plenty")
+        faults.append(f"too few presses: {len(table)}; {FEWEST} are the least, a hundred are plenty")
     near = (table.away() < NEAR * table.pitch) & np.isfinite(table.pressures)
     for p in range(arm.n_patches):
         own, node = near[table.patch == p, arm.tactels_of(p)], f"node {arm.node_label(p)}"
         healthy, n_on = np.asarray(arm.tactel_healthy[arm.tactels_of(p)]), int(own.any(axis=1).sum())
         bare = ~own.any(axis=0) & healthy
         if n_on < FEWEST_EACH:
-            faults.append(f"{n_on} presses on {node} are too few; {FEWEST_EACH} are the least")
+            faults.append(f"too few presses on {node}: {n_on}; {FEWEST_EACH} are the least")
         elif bare.any():
             some = ", ".join(map(str, (np.flatnonzero(bare) + 1).tolist()))
             (notes if bare.sum() <= MOST_BARE * healthy.sum() else faults).append(
