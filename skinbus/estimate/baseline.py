@@ -12,14 +12,14 @@ raise the threshold ahead of itself. Following resumes one second after the rele
 
 Start: the zero of a tactel is the mean of its first readings, from the first on, while nothing touches its
 patch, nor an adjoining one. Touches count from the zero of its calibration until this has lasted for half a
-second, and one before begins the mean anew. So a patch touched when power comes is not zeroed: its pressures
-count from the zero of its calibration until nothing touches it. So a touch at power-on is seen from the first
-cycle. The price: a zero that is off by more than the threshold looks like a touch (``suspect`` says which)
-until the board is calibrated, the tactel is taken out, or somebody calls :meth:`Baseline.zero`, which moves
-the zero band along.
+second; a touch before that begins the mean anew. So a patch touched when power comes is not zeroed: its
+pressures count from the zero of its calibration until nothing touches it. So a touch at power-on is seen from
+the first cycle. The price: a zero that is off by more than the threshold looks like a touch (``suspect`` says
+which) until the board is calibrated, the tactel is taken out, or somebody calls :meth:`Baseline.zero`, which
+moves the zero band along.
 
-Out of band: nothing pulls a skin, so readings below the zero band are no zero and no pressure. Nor is a zero
-at the edge of its band one. The tactel is ``out``, and no reading of it is used, until it reads within its
+Out of band: nothing pulls a skin, so readings below the zero band are no zero and no pressure, and a zero at
+the edge of its band is none. The tactel is ``out``, and no reading of it is used, until it reads within its
 band again.
 
 Down: after readings below the zero for half a second, in the band, the zero is as uncertain as they are below
@@ -32,12 +32,12 @@ the usual drift, 300 Pa in a minute. A board that drifts further under a touch, 
 touched until somebody calls :meth:`Baseline.zero`.
 
 Creep: what has pressed for a second or more leaves up to a tenth of itself in the cover, for seconds. That is
-no zero, above or below, it goes again, and a light touch looks the same: it stays a touch, and ``felt.creep``
-says of how much of it that may be all.
+no zero, for it goes again, and it looks like a light touch. So it stays a touch, and ``felt.creep`` says how
+much of it may be nothing else.
 
 Failure mode: what grows slower than 3 sigma / tau (20 Pa/s at the usual noise of 200 Pa) is drift, up to the
-edge of the zero band. A press between tactels that grows by less than 100 Pa/s where it is strongest may be:
-all of it is below the threshold for so long (200 Pa/s and more never was, in 45 trials).
+edge of the zero band. A press between tactels that grows by less than 100 Pa/s where it is strongest may be
+drift, too: all of it is below the threshold for so long (200 Pa/s and more never was, in 45 trials).
 """
 
 from __future__ import annotations

@@ -9,15 +9,15 @@ other tactel, clipped to its board and half of the seam to the next one. The int
 that its board feels within REACH, by the law k of the board.
 
 Standard deviation: noise, zeros and creep of the tactels that are summed, what the zeros of a board have in
-common, and the error of the sum itself, of each board a share of its force::
+common, and the error of the sum itself, for each board a share of its force::
 
     share^2 = SPREAD^2 + u^2 c^3 + (H / F)^2 / 3
     c = sum_j F_j^2 / (sum_j F_j)^2,    u = max_j cell_j / min_j cell_j - 1
 
 1 / c is the number of touched tactels that carry the force and u how uneven the cells of the board are: a sum
 over few tactels depends on where between them the press is. H is the force that reaches the threshold of a
-tactel from the farthest place of its cell, the mean over the board: so much may press a gap and show little.
-A tactel that is missing counts as the mean of its neighbours, with that mean as its deviation.
+tactel from the farthest place of its cell, the mean over the board: so much may press on a gap and show
+little. A tactel that is missing counts as the mean of its neighbours, with that mean as its deviation.
 
 Limits: pressures below every threshold are no load; a narrow press in a gap that tactels barely feel is
 underestimated, beyond the deviation if its force is large; what hangs over the rim of the skin is not felt.

@@ -1,9 +1,9 @@
 """Which tactels are plausible: what an implausible one reads is missing, not zero.
 
-Rail:      at the lower end of the converter, and missing at once; alone at a pressure of which the law of the
-           board, for a narrow contact anywhere around, gives its neighbours more than they read, and missing
-           at once; or at full scale with its whole board, of which most was far from it in the reading
-           before: the board is withheld at once. What came to full scale alone is missing until it leaves it,
+Rail:      missing at once. It is at the lower end of the converter; or alone at a pressure under which its
+           neighbours would read more than they do, by the law of the board for a narrow contact anywhere
+           around; or at full scale with its whole board, most of which was far from it in the reading
+           before: then the board is withheld. What came to full scale alone is missing until it leaves it,
            whatever touches beside it
 Frozen:    not a bit changes, for a time in which it would have changed at the rate it did while free, if
            its noise is more than about half a step of its converter

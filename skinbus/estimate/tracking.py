@@ -35,7 +35,7 @@ are.
 
 Limits: on a cone errors and speeds along a are taken as at the middle of the link. Contacts move less than
 about 1 m/s, and two that meet keep their speed while they cannot be distinguished, else identities are
-exchanged or begin anew, as they are where only one of two that cross is seen for longer than two cycles;
+exchanged or begin anew. So they are where only one of two that cross is seen for longer than two cycles;
 places and forces never change by it. Two touches that turn back within a cycle or two are taken for two that
 crossed.
 """

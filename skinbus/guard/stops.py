@@ -1,4 +1,4 @@
-"""What a stop is, as the command line names it, and a value that is written to a node until it is confirmed.
+"""What a stop is, as the command line names it, and a value that is written to a node again and again.
 
 ::
 

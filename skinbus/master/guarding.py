@@ -1,4 +1,4 @@
-"""The guard of one bus: limits from zeros and gains to counts, written to patches, and right as zeros move.
+"""The guard of one bus: limits in counts, written to patches, and written anew as zeros move.
 
 A patch is beyond the limits of the arm file when a tactel reads more than P, or the sum of area times
 pressure (areas as ``estimate.loads`` has them) is more than F. It compares counts::

@@ -39,7 +39,7 @@ class GuardSettings:
     """From one "armed" of a patch to the next; two that are missing are a stop. Those of 24 patches take
     4 % of a bus at 1 Mbit/s."""
     transient_ns: int = 500_000_000
-    """How long a contact may be beyond a limit times 1, but not times the transient factor."""
+    """How long a contact or pressure may be beyond a limit, but not beyond it times the transient factor."""
     reaction_ns: int = 0
     """Assumed of the process or the relay, from GFC to its output."""
     stop_ns: int = 0

@@ -1,4 +1,4 @@
-"""Limits that a patch compares its readings with by itself, and what it says of that: the guard, as bytes.
+"""Limits that a patch compares its readings with by itself, and what it says of them: the guard, as bytes.
 
 The limits are one object, written whole, so that a patch never compares with half of them::
 
