@@ -123,7 +123,6 @@ def parse_stop(text: str, arm: Arm) -> NodeWrite | OutsideStop:
         raise AddressError(f"--stop {text}: wanted {wanted}")
     bus, node_id = names.index(name), int(found[2])
     if not 1 <= node_id <= MAX_NODE_ID or node_id in (MASTER_NODE_ID, *arm.node_id[arm.patches_on(bus)]):
-        wanted = f"1 to {MAX_NODE_ID}, that neither a patch nor the master has"
-        raise AddressError(f"--stop {text}: wanted a node-ID, {wanted}")
+        raise AddressError(f"--stop {text}: wanted a node-ID, 1 to {MAX_NODE_ID}, of no patch or master")
     data = bytes.fromhex(found[5])[::-1]
     return NodeWrite.of(text, bus, node_id, int(found[3], 16), int(found[4], 16), data)

@@ -232,9 +232,8 @@ class Guard(Core):
 
     def _judge(self, contacts: RegionPeaks) -> None:
         """Compare the contacts of a cycle with the limits of their regions."""
-        t_ns = contacts.t_ns
-        of_regions = zip(self._settings.regions, contacts.forces, contacts.pressures, strict=True)
-        for region, force, pressure in of_regions:
+        t_ns, *peaks = contacts
+        for region, force, pressure in zip(self._settings.regions, *peaks, strict=True):
             for unit, value, limit in (("N", force, region.force), ("Pa", pressure, region.pressure)):
                 key = region.name, unit
                 if not value > limit:

@@ -123,18 +123,15 @@ def test_a_region_is_what_is_in_all_that_is_said(tmp_path, keys, inside):
 
 
 def test_tactels_on_the_edge_of_a_region_are_in_it(tmp_path):
-    """Some places are off by bits: 0.199 + 0.015 is more than 0.214."""
-    for s_mm in range(150, 200):
-        keys = f"force_n = 5\npatches = [9]\ns_mm = [{s_mm - 15}, {s_mm + 15}]"
-        (here,) = load(tmp_path, region("here", keys) + BOARD.format(s_mm)).guard.regions
-        assert here.tactels.sum() == 16
+    """0.199 + 0.015 is more than 0.214."""
+    keys = "force_n = 5\npatches = [9]\ns_mm = [184, 214]"
+    assert load(tmp_path, region("here", keys) + BOARD.format(199)).guard.tactels.sum() == 16
 
 
 @pytest.mark.parametrize("gain", [0, -1])
 def test_tactels_whose_readings_do_not_rise_are_refused(tmp_path, gain):
     board = BOARD.format(200) + f'set."Tactel gain" = {[gain] + [1] * 15}'
-    assert load(tmp_path, region("others", "force_n = 5\npatches = [2]") + board).guard
-    (fault,) = faults(tmp_path, region("all", "force_n = 5\npressure_kpa = 9") + board)
+    (fault,) = faults(tmp_path, region("all", "force_n = 5") + board)
     assert fault.startswith("guard.region[1]: is 'a tactel whose gain is not positive'")
 
 

@@ -146,8 +146,8 @@ class SharedContacts:
                 found = slot["contacts"][: slot["n_contacts"]]
                 columns = (found[name] for name in ("link", "s", "a", "force"))
                 forces = region_forces(self._arm, self._settings, *columns)
-                inside = [region.tactels for region in self._settings.regions]
-                pressures = [float(slot["pressures"][own].max(initial=0.0)) for own in inside]
+                felt, regions = slot["pressures"], self._settings.regions
+                pressures = [felt[region.tactels].max(initial=0.0) for region in regions]
                 return RegionPeaks(int(slot["t_ns"]), forces, pressures)
         except ShareError:
             pass
