@@ -9,7 +9,7 @@ Frozen:    not a bit changes, for a time in which it would have changed at the r
            its noise is more than about half a step of its converter
 Dead:      reads less than a tenth of the least that it should have felt in two touches, in two places, and
            nothing in between: every contact that explains its neighbours by the law of the board would press
-           it. In each cycle two of the silent tactels beside a touch are looked at
+           it. In each cycle one of the silent tactels beside the strongest of a touched board is looked at
 Jumping:   it begins to read alone what no contact explains, some five times in five seconds
 Band:      below its zero band, or its zero has left it (``Baseline``)
 
@@ -132,11 +132,6 @@ DEAD_SHARE, SURE = 0.1, 2.0
 a tip of 2 mm, for which the law is too wide, a healthy one may read a tenth."""
 FEELS = 5.0
 """Standard deviations from which a tactel feels something, and half of its threshold: it is not dead."""
-LOOKS = 2
-"""Silent tactels that are looked at in a cycle."""
-MUTE = 3
-"""Touches of its board since a tactel felt something, after which its silence says nothing of a touch: a line
-is dead with its wire."""
 
 
 class Plausibility:
@@ -159,9 +154,9 @@ class Plausibility:
         self._state[2] = 1.0  # noise is not known to show
         self._is_full, self._quiet_s = np.zeros(m, np.bool_), np.zeros(m)
         self._touches = np.zeros(m, np.int64)
-        # touch of its board in which a tactel felt something last, and in which it should have first
-        self._felt, self._since = np.full((2, n), -MUTE - 1)
-        self._due, self._place, self._turn = np.zeros((2, n)), np.zeros(n, np.complex128), 0
+        # touch of its board in which a tactel, silent since, should have felt something first, and where
+        self._since, self._place = np.full(n, -1), np.zeros(n, np.complex128)
+        self._due, self._turn = np.zeros((2, n)), 0
         self.faults: Bytes = np.zeros(n, np.uint8)
         """(n_tactels,) :class:`TactelFault` bits, live."""
         self.is_withheld, self.is_repeated = np.zeros((2, m), np.bool_)
@@ -270,51 +265,52 @@ class Plausibility:
         return np.asarray(less.sum(axis=0) <= LONE_SURE * noise)
 
     def _watch(self, watched: Bools, felt: Floats) -> None:
-        """Note which tactels feel something; look at some beside them that do not, one after the other."""
-        feels, now, since = felt >= self._feels, self._touches[self._patch], self._since
-        self._felt[watched & feels], since[watched & feels] = now[watched & feels], -1
+        """Note which tactels feel something; look at one that does not, beside the strongest of its board."""
+        feels, since = felt >= self._feels, self._since
+        since[watched & feels] = -1
         self.faults[watched & feels] &= JUDGED ^ DEAD | BAND
-        (i,) = np.nonzero(watched & ~feels)
-        i = i[(self._is_next[self._row[1:, i]] & feels[self._near[1:, i]]).sum(axis=0) >= 2]
-        usable = (self.faults == 0) & (self._value < self._high)
-        lively = usable & (feels | (now - self._felt <= MUTE))
-        for _ in range(min(LOOKS, len(i))):
-            self._turn = k = int(i[i.searchsorted(self._turn + 1) % len(i)])
-            least, place = self._least_felt(k, felt, usable, lively)
-            is_new = since[k] < 0 or now[k] == since[k] or abs(place - self._place[k]) >= ELSEWHERE
-            if least >= self._feels[k] and is_new:
-                if since[k] < 0:
-                    since[k], self._place[k], self._due[:, k] = now[k], place, 0.0
-                self._due[:, k] += least * least, least * felt[k]
-                due, shown = self._due[:, k]
-                is_silent = shown + SURE * self._sigma[k] * math.sqrt(due) < DEAD_SHARE * due
-                self.faults[k] |= DEAD * (is_silent and now[k] > since[k])
+        works = self.faults == 0
+        usable, top = works & (self._value < self._high), np.where(works, felt, 0.0)
+        (i,) = np.nonzero(watched & usable & (felt >= np.maximum.reduceat(top, self._first)[self._patch]))
+        i = self._near[1:, i][self._is_next[self._row[1:, i]]]
+        i = i[(watched & usable & ~feels)[i]]
+        if not len(i):
+            return
+        self._turn += 1
+        k = int(i[self._turn % len(i)])
+        now, sigma = self._touches[self._patch[k]], self._sigma[k]
+        # on a dead line the silence of others says nothing
+        least, place = (
+            self._least_felt(k, felt, usable) or self._least_felt(k, felt, usable & feels) or (0.0, 0j)
+        )
+        is_new = since[k] in (-1, now) or abs(place - self._place[k]) >= ELSEWHERE
+        if least >= self._feels[k] and is_new:
+            if since[k] < 0:
+                since[k], self._place[k], self._due[:, k] = now, place, 0.0
+            self._due[:, k] += least * least, least * felt[k]
+            due, shown = self._due[:, k]
+            if now > since[k] and shown + SURE * sigma * math.sqrt(due) < DEAD_SHARE * due:
+                self.faults[k] |= DEAD
 
-    def _least_felt(self, k: int, felt: Floats, *usable: Bools) -> tuple[float, complex]:
+    def _least_felt(self, k: int, felt: Floats, usable: Bools) -> tuple[float, complex] | None:
         """Return the least (Pa) that a tactel reads under a contact that explains its neighbours, and where.
 
         Of the places of a contact those with a chi^2 of at most LIKELY more than the best explain the
-        neighbours, if that of the best is at most MISFIT each. It is 0 if none does, or the board reads more
-        elsewhere. The first choice of usable neighbours that one explains is taken.
+        neighbours, if that of the best is at most MISFIT each. None if none does.
         """
-        here, j = self.arm.tactels_of(self._patch[k]), self._near[1:, k]
-        j = j[j >= 0]
-        law = self._law[self._row[1 : len(j) + 1, k]]
-        top, square = (felt[here] * (self.faults[here] == 0)).max(), law * law
-        unit = self._sigma[k] ** 2 + (TOLERANCE * top) ** 2
-        for choice in usable:
-            told = choice[j]
-            n, y = np.count_nonzero(told), felt[j] * told
-            if n < LEAST_NEAR or y.max() < top:
-                continue
-            up = y @ law
-            peak = up / np.maximum(told @ square, 1e-12)
-            chi2 = np.where(peak <= BEYOND * self._high[k], y @ y - peak * up, np.inf)
-            best = chi2.argmin()
-            if chi2[best] <= MISFIT * n * unit:
-                own = peak * self._law[self._row[0, k]]
-                return float(own[chi2 <= chi2[best] + LIKELY * unit].min()), complex(PLACE[best])
-        return 0.0, 0j
+        j = self._near[1:, k]
+        told = (j >= 0) & usable[j]
+        law, y = self._law[self._row[1:, k][told]], felt[j[told]]
+        if len(y) < LEAST_NEAR:
+            return None
+        up, down = y @ law, np.einsum("ij,ij->j", law, law)
+        peak = up / np.maximum(down, 1e-12)
+        chi2 = np.where(peak <= BEYOND * self._high[k], y @ y - peak * up, np.inf)
+        best, unit = chi2.argmin(), self._sigma[k] ** 2 + (TOLERANCE * y.max()) ** 2
+        if chi2[best] > MISFIT * len(y) * unit:
+            return None
+        own = peak * self._law[self._row[0, k]]
+        return float(own[chi2 <= chi2[best] + LIKELY * unit].min()), complex(PLACE[best])
 
     def _by_patch(self, column: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return the sums of a column of tactels, (n_patches,)."""
