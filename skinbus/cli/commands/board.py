@@ -362,5 +362,5 @@ def check(
     if not press:
         console.print("with --press: readings in another scale or order, which are near 0 without")
     n_failed = sum(result.grade is Grade.FAIL for result in core.results)
-    console.print(f"{n_failed} rules fail" if n_failed else "all rules that were checked hold")
+    console.print(f"rules that fail: {n_failed}" if n_failed else "all rules that were checked hold")
     sys.exit(0 if core.passed and len(core.results) == len(RULES) else 1)
