@@ -85,6 +85,9 @@ is."""
 TRUEST, FIRST = 1e-3, 0.05
 """Parts of the largest reading: the best of laws leaves the one, so that no reading weighs more for being
 truer or is an outlier for less than multiples of it; and errors are taken to be the other at first."""
+LEFT_BY_MAP = 0.1
+"""Part of the misfit that stays under a map of residuals: between presses it predicts less well than at
+them."""
 WEIGHTS = np.logspace(-2.0, 3.0, 11)
 """Weights of the penalty that are tried, relative to the information of the readings. With smaller ones a
 table follows readings no closer, but errors of few presses or of rounding made them be chosen."""
@@ -413,9 +416,10 @@ class _Fit:
             arm.n_tactels,
         )
         if maps is not None:
-            beside = self.residuals
+            beside, least = self.residuals, LEFT_BY_MAP * self._misfit_profile
             beside[kept] = left * scale[kept]
             self.find_variances(beside)
+            self._misfit_profile = np.maximum(self._misfit_profile, least)
         return maps
 
     def law(self, to_newtons: float, *, has_map: bool) -> Radial:
