@@ -33,7 +33,6 @@ MAX_WAITING = 32
 RETRY_NS = 50_000_000
 """Pause before a message that did not go out is sent again: ten waiting frames take 11 ms at 125 kbit/s."""
 
-DATA_LENGTH = 5
 MESSAGE = struct.Struct("<HB5s")
 
 # First byte of the code -> bit of the register that CiA 301 table 26 gives it; the generic bit is always set.
@@ -72,7 +71,6 @@ class EmcyService:
 
     def raise_error(self, code: int, data: bytes = b"") -> bool:
         """An error came; False when it was there already (same code and data)."""
-        data = bytes(data[:DATA_LENGTH]).ljust(DATA_LENGTH, b"\0")
         if (code, data) in self._active:
             return False
         bits = REGISTER_BITS.get(code >> 12, ErrorRegister.GENERIC)
@@ -85,8 +83,7 @@ class EmcyService:
 
     def clear_error(self, code: int, data: bytes | None = None) -> bool:
         """An error went (``data`` None: all with this code); False when it was not there."""
-        wanted = None if data is None else bytes(data[:DATA_LENGTH]).ljust(DATA_LENGTH, b"\0")
-        gone = [key for key in self._active if key[0] == code and wanted in (None, key[1])]
+        gone = [key for key in self._active if key[0] == code and data in (None, key[1])]
         for key in gone:
             del self._active[key]
             self._write_register()

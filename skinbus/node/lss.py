@@ -66,7 +66,8 @@ FASTSCAN_ALL = 0x80
 """Bit check that every unconfigured node answers, and with which a scan begins."""
 
 _NUMBER = struct.Struct("<I")
-_FASTSCAN = struct.Struct("<IBBB")
+FASTSCAN = struct.Struct("<IBBB")
+"""Data of a fastscan request: number, bit check, which number of the identity, and which follows."""
 
 
 def lss_request(command: int, data: bytes = b"") -> Frame:
@@ -148,9 +149,10 @@ class LssSlave(Part):
     def _unconfigured(self) -> bool:
         return self.context.node_id == UNCONFIGURED and self.pending_node_id == UNCONFIGURED
 
-    def _identity(self, i: int) -> int:
-        """Vendor, product, revision or serial number (0-3)."""
-        return self.values.number(IDENTITY, 1 + i)
+    @property
+    def _identity(self) -> list[int]:
+        """Vendor, product, revision and serial number."""
+        return [self.values.number(IDENTITY, sub) for sub in range(1, 1 + N_IDENTITY)]
 
     def _answer(self, command: int, data: bytes = b"") -> None:
         self.context.send(LSS_SLAVE_ID, (bytes((command,)) + data).ljust(FRAME_LENGTH, b"\0"))
@@ -166,15 +168,14 @@ class LssSlave(Part):
 
     def _switch_selective(self, data: bytes) -> None:
         """Four frames name one node; the last one switches it."""
-        i = data[0] - Lss.SWITCH_VENDOR
         self._asked[data[0]] = _NUMBER.unpack_from(data, 1)[0]
         if data[0] == Lss.SWITCH_SERIAL:
             asked = [self._asked.get(Lss.SWITCH_VENDOR + k) for k in range(N_IDENTITY)]
             self._asked.clear()
-            if asked == [self._identity(k) for k in range(N_IDENTITY)]:
+            if asked == self._identity:
                 self.mode = Mode.CONFIGURATION
                 self._answer(Lss.SWITCHED)
-        elif self._asked[data[0]] != self._identity(i):
+        elif self._asked[data[0]] != self._identity[data[0] - Lss.SWITCH_VENDOR]:
             self._asked.clear()
 
     def _identify(self, data: bytes) -> None:
@@ -187,8 +188,7 @@ class LssSlave(Part):
         if None in asked:
             return
         lows, highs = ([asked[k] or 0 for k in which] for which in ((0, 1, 2, 4), (0, 1, 3, 5)))
-        own = [self._identity(k) for k in range(N_IDENTITY)]
-        if all(low <= value <= high for low, value, high in zip(lows, own, highs, strict=True)):
+        if all(low <= own <= high for low, own, high in zip(lows, self._identity, highs, strict=True)):
             self._answer(Lss.IDENTIFIED)
 
     def _identify_unconfigured(self, data: bytes) -> None:
@@ -199,12 +199,12 @@ class LssSlave(Part):
         """Answer while the bits asked so far are ours; the last bit of the last number switches this node."""
         if not self._unconfigured:
             return
-        number, bit, part, following = _FASTSCAN.unpack_from(data, 1)
+        number, bit, part, following = FASTSCAN.unpack_from(data, 1)
         if bit == FASTSCAN_ALL:
             self._scanned = 0
             self._answer(Lss.IDENTIFIED)
         elif bit < 32 and part < N_IDENTITY and following < N_IDENTITY and part == self._scanned:
-            if number >> bit != self._identity(part) >> bit:
+            if number >> bit != self._identity[part] >> bit:
                 return
             self._scanned = following
             self._answer(Lss.IDENTIFIED)
@@ -240,7 +240,7 @@ class LssSlave(Part):
         self._answer(data[0], bytes((error,)))
 
     def _inquire_identity(self, data: bytes) -> None:
-        self._answer(data[0], _NUMBER.pack(self._identity(data[0] - Lss.INQUIRE_VENDOR)))
+        self._answer(data[0], _NUMBER.pack(self._identity[data[0] - Lss.INQUIRE_VENDOR]))
 
     def _inquire_node_id(self, data: bytes) -> None:
         self._answer(data[0], bytes((self.context.node_id,)))

@@ -125,9 +125,8 @@ class StorageService(Part):
         self.storage[group] = f"{text}\n{zlib.crc32(text.encode()):08x}\n"
 
     def _head(self) -> str:
-        vendor = self.values.number(IDENTITY, IDENTITY_VENDOR)
-        product = self.values.number(IDENTITY, IDENTITY_PRODUCT)
-        return f"{HEAD} {vendor:08X} {product:08X}"
+        number = self.values.number
+        return f"{HEAD} {number(IDENTITY, IDENTITY_VENDOR):08X} {number(IDENTITY, IDENTITY_PRODUCT):08X}"
 
     def _forget_marks(self) -> None:
         """Take 0x1020 out of what is stored: with other parameters beside it, it would be wrong."""

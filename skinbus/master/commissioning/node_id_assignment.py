@@ -7,7 +7,6 @@ exchange theirs, two have the same for a moment. What came of each is reported; 
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Sequence
 from enum import StrEnum
 from typing import Any, NamedTuple
@@ -17,7 +16,7 @@ from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
 from skinbus.master.commissioning.scan import Scanner
 from skinbus.master.commissioning.sessions import Listen, Script, ScriptCore
-from skinbus.node.lss import FASTSCAN_ALL, UNCONFIGURED, Lss, Mode, lss_request
+from skinbus.node.lss import FASTSCAN, FASTSCAN_ALL, UNCONFIGURED, Lss, Mode, lss_request
 from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
 
@@ -31,7 +30,6 @@ SETTLE_SHARE = 4
 """After a first answer others are awaited for this fraction of the time-out."""
 
 BITS = 32
-_FASTSCAN = struct.Struct("<BIBBB")
 
 SWITCH_SELECTIVE = (Lss.SWITCH_VENDOR, Lss.SWITCH_PRODUCT, Lss.SWITCH_REVISION, Lss.SWITCH_SERIAL)
 
@@ -48,9 +46,8 @@ class Address(NamedTuple):
         return f"{self.vendor:X}:{self.product:X}:{self.revision:X}:{self.serial}"
 
 
-def switch_all(mode: Mode) -> Frame:
-    """Return the frame that puts all nodes into a mode."""
-    return lss_request(Lss.SWITCH_GLOBAL, bytes([mode]))
+RELEASE = lss_request(Lss.SWITCH_GLOBAL, bytes([Mode.WAITING]))
+"""The frame that lets all nodes wait."""
 
 
 def same_identity(n: int) -> str:
@@ -212,14 +209,14 @@ class Assigner(ScriptCore):
             yield from self._release()
             return Assigned.REFUSED, fault
         fault = yield from self._store()
-        command = switch_all(Mode.WAITING)
+        command = RELEASE
         if old != UNCONFIGURED:  # one that has no node-ID yet boots when it is let go
             yield from self._release()
             command = nmt_frame(cia.NmtCommand.RESET_COMMUNICATION, old)
-        has_booted = yield from self._boots(node_id, command)
+        boot_ups = yield from self._ask(0, command, slower=SLOW, can_id=cia.HEARTBEAT_BASE + node_id)
         if fault:
             return Assigned.NOT_STORED, fault
-        return (Assigned.ASSIGNED, "") if has_booted else (Assigned.NOT_SEEN, "no boot-up message")
+        return (Assigned.ASSIGNED, "") if boot_ups else (Assigned.NOT_SEEN, "no boot-up message")
 
     def _report(self, *result: Any) -> None:
         self.results.append(Assignment(*result))
@@ -245,13 +242,12 @@ class Assigner(ScriptCore):
 
     def _release(self) -> Script[None]:
         """Let all nodes wait; nobody answers, but all are given time."""
-        yield Listen(self._timeout_ns, send=(switch_all(Mode.WAITING),))
+        yield Listen(self._timeout_ns, send=(RELEASE,))
 
     def _select(self, address: Sequence[int]) -> Script[bool]:
         """Put the node with this identity into configuration, if it is there."""
         numbers = [number.to_bytes(4, "little") for number in address]
-        frames = map(lss_request, SWITCH_SELECTIVE, numbers)
-        return bool((yield from self._ask(Lss.SWITCHED, *frames)))
+        return bool((yield from self._ask(Lss.SWITCHED, *map(lss_request, SWITCH_SELECTIVE, numbers))))
 
     def _inquire_node_ids(self) -> Script[list[int]]:
         """Return the node-IDs of the nodes in configuration, 255 for none yet; there should be one."""
@@ -276,10 +272,6 @@ class Assigner(ScriptCore):
         is_good = answers[0][1:2] == b"\0"
         return "" if is_good else "cannot store its node-ID: it is lost when the node is switched off"
 
-    def _boots(self, node_id: int, command: Frame) -> Script[bool]:
-        """Return whether a node sends a boot-up message after a command that makes it boot."""
-        return bool((yield from self._ask(0, command, slower=SLOW, can_id=cia.HEARTBEAT_BASE + node_id)))
-
     def _fastscan(self) -> Script[Address | None]:
         """Find one node without node-ID and put it into configuration; None when there is none."""
         if not (yield from self._is_there(0, FASTSCAN_ALL, 0, 0)):
@@ -297,6 +289,5 @@ class Assigner(ScriptCore):
         return Address(*found)
 
     def _is_there(self, number: int, bit: int, part: int, following: int) -> Script[bool]:
-        data = _FASTSCAN.pack(Lss.FASTSCAN, number, bit, part, following)
-        request = Frame(cia.LSS_MASTER_ID, data)
+        request = lss_request(Lss.FASTSCAN, FASTSCAN.pack(number, bit, part, following))
         return bool((yield from self._ask(Lss.IDENTIFIED, request, awaits_all=True)))
