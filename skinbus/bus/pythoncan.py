@@ -102,20 +102,17 @@ class PythonCanBus(Bus):
         """
         self.batch.clear()
         messages: list[can.Message] = []
-        message = self._receive_one(timeout_s)
-        while message is not None:
+        while len(messages) < MAX_BATCH and (message := self._receive_one(timeout_s)) is not None:
             messages.append(message)
-            if len(messages) >= MAX_BATCH:
-                break
-            message = self._receive_one(0.0)
+            timeout_s = 0.0
         if not messages:
             return []
         now_ns, unix_ns = self.clock.now_ns(), time.time_ns()
-        frames = []
-        for message in messages:
-            if self._tag is not None and message.channel == self._tag:
-                continue
-            frames.append(_to_frame(message, self._stamp(message.timestamp, now_ns, unix_ns)))
+        frames = [
+            _to_frame(message, self._stamp(message.timestamp, now_ns, unix_ns))
+            for message in messages
+            if self._tag is None or message.channel != self._tag
+        ]
         if self._data_ids:
             self.batch.extend([frame for frame in frames if receives(self._data_ids, frame)])
             frames = [frame for frame in frames if not receives(self._data_ids, frame)]

@@ -8,6 +8,7 @@ import socket
 import struct
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import cache
 from typing import Any
 
@@ -128,11 +129,9 @@ def filters(cob_ids: Iterable[int] | None) -> bytes:
 def raise_receive_buffer(sock: socket.socket, size: int) -> None:
     """Ask for so many bytes of receive buffer."""
     for option in (SO_RCVBUFFORCE, socket.SO_RCVBUF):  # the first needs CAP_NET_ADMIN
-        try:
+        with suppress(PermissionError):
             sock.setsockopt(socket.SOL_SOCKET, option, size)
             return
-        except PermissionError:
-            continue
 
 
 def finish(

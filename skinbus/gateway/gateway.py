@@ -97,12 +97,13 @@ class Gateway(Core):
             self._faults = faults
         if now_ns >= self._start_ns:
             self._start_ns = now_ns + START_AGAIN_NS
-            pairs = list(zip(self.addresses, faults, strict=True))
-            running = self._commands(
-                now_ns, self._format.start, [address for address, fault in pairs if not fault]
-            )
-            silent = self._commands(
-                now_ns, self._format.start, [address for address, fault in pairs if fault]
+            silent, running = (
+                self._commands(
+                    now_ns,
+                    self._format.start,
+                    [a for a, fault in zip(self.addresses, faults, strict=True) if bool(fault) is is_silent],
+                )
+                for is_silent in (True, False)
             )
             # not to a board that sends: one triangle that is not connected must not restart its others
             out += [frame for frame in silent if frame not in running]

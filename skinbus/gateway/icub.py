@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from skinbus.arrays import Bools, Floats
-from skinbus.errors import ConfigError, Fault, FaultList
+from skinbus.errors import ConfigError, FaultList
 from skinbus.file_bytes import read_bytes
 from skinbus.gateway.positions import lay_flat
 from skinbus.model import Surface
@@ -103,11 +103,11 @@ def read_positions(path: Path) -> Positions:
     if len(of) != len(rows):
         faults.add("taxel2Repr", f"{len(of)} numbers", f"{len(rows)}, one for each row")
     if faults:
-        raise ConfigError(str(path), faults)
+        raise ConfigError(path, faults)
     table = np.array(rows)
     used = (of == own) & table[:, :3].any(axis=1) & table[:, 3:].any(axis=1)
     if not used.any():
-        raise ConfigError(str(path), [Fault("rows", "no tactel", "positions that are not zero")])
+        raise ConfigError.of(path, "rows", "no tactel", "positions that are not zero")
     cut = table.reshape(-1, ROWS, 6)[:, TACTELS]
     is_tactel = used.reshape(-1, ROWS)[:, TACTELS]
     return Positions(name[1] if name else path.stem, cut[..., :3], cut[..., 3:], is_tactel)
@@ -174,8 +174,8 @@ def import_skin(
         mesh: file of a mesh in the frame of the link, on which the boards are laid in place of the surface.
     """
     used = np.flatnonzero(skin.healthy.any(axis=1)).tolist()
-    fit = fit_surface(skin.points[skin.healthy], skin.normals[skin.healthy])
     points = skin.points[skin.healthy]
+    fit = fit_surface(points, skin.normals[skin.healthy])
     distances = np.asarray(cKDTree(points).query(points, [2])[0])  # the nearest of a tactel is itself
     pitch = max(1e-3, float(np.median(distances)))
     files, tables = dict[str, str](), list[str]()

@@ -111,7 +111,7 @@ def checksum(values: Iterable[Write]) -> int:
     They are those of all entries that can be read and written of the objects that ``is_verified`` names, as
     entries of a concise DCF: index U16, sub-index U8, length U32, value.
     """
-    return zlib.crc32(b"".join(_CONCISE.pack(v.index, v.sub, len(v.data)) + v.data for v in values))
+    return zlib.crc32(_entries(values))
 
 
 def repairs(configuration: Configuration, held: Mapping[tuple[int, int], bytes | None]) -> list[Write]:
@@ -144,15 +144,9 @@ def _plan(od: ObjectDictionary, variables: Iterable[ODVariable], *, is_whole: bo
 
     ``is_whole``: whatever a device holds, all of a PDO.
     """
-    plan: list[Write] = []
-    pdos = []
-    for variable in variables:
-        pdo = _pdo_of(variable.index)
-        if pdo is None:
-            plan.append(_write(variable))
-        elif pdo not in pdos:
-            pdos.append(pdo)
-    for direction, number in pdos:
+    found = [(variable, _pdo_of(variable.index)) for variable in variables]
+    plan = [_write(variable) for variable, pdo in found if pdo is None]
+    for direction, number in dict.fromkeys(pdo for _, pdo in found if pdo):
         plan += _pdo_writes(od, direction, number, is_whole=is_whole)
     return plan
 
@@ -164,9 +158,11 @@ def download_plan(od: ObjectDictionary) -> list[Write]:
 
 def to_concise(writes: Sequence[Write]) -> bytes:
     """Return downloads as the concise DCF that the master's 0x1F22 holds (CiA 302-3, 4.2)."""
-    return struct.pack("<I", len(writes)) + b"".join(
-        _CONCISE.pack(write.index, write.sub, len(write.data)) + write.data for write in writes
-    )
+    return struct.pack("<I", len(writes)) + _entries(writes)
+
+
+def _entries(writes: Iterable[Write]) -> bytes:
+    return b"".join(_CONCISE.pack(w.index, w.sub, len(w.data)) + w.data for w in writes)
 
 
 def write_dcf(

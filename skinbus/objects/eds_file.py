@@ -40,7 +40,8 @@ OBJECT_TYPES = (0x0, DOMAIN, 0x5, 0x6, VAR, *GROUP_TYPES)
 ACCESS_TYPES = ("ro", "wo", "rw", "rwr", "rww", "const")
 
 _SECTION = re.compile(r"\[(?P<name>[^\]]*)\]")
-_OBJECT = re.compile(r"(?P<index>[0-9a-f]{4})(?:sub(?P<sub>[0-9a-f]{1,2}))?")
+OBJECT = re.compile(r"(?P<index>[0-9a-f]{4})(?:sub(?P<sub>[0-9a-f]{1,2}))?")
+"""Name of the section of an object, in lower case."""
 
 
 @dataclass(slots=True)
@@ -180,9 +181,9 @@ def read_text(text: str, *, name: str) -> EdsFile:
     """
     file = EdsFile(name)
     _read_sections(file, text)
-    if not any(n in ("fileinfo", "deviceinfo") or _OBJECT.fullmatch(n) for n in file.sections):
+    if not any(n in ("fileinfo", "deviceinfo") or OBJECT.fullmatch(n) for n in file.sections):
         return EdsFile(name, faults=FaultList([Fault("file", None, "an EDS or DCF: it has no [FileInfo]")]))
-    matches = [(section, _OBJECT.fullmatch(name)) for name, section in file.sections.items()]
+    matches = [(section, OBJECT.fullmatch(name)) for name, section in file.sections.items()]
     for section, match in matches:
         if match and match["sub"] is None:
             _read_object(file, section, int(match["index"], 16))
@@ -231,8 +232,7 @@ def _read_object(file: EdsFile, section: Section, index: int) -> None:
     file.objects[index] = entry
     if not entry.is_group:
         entry.variables[0] = _read_variable(file, section, index, 0, name, object_type)
-        return
-    if section.get("CompactSubObj"):
+    elif section.get("CompactSubObj"):
         _expand_compact(file, section, entry)
 
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 from skinbus.can.fd import CLASSIC_BYTES, MAX_BYTES
 from skinbus.errors import FaultList
 from skinbus.objects import cia
-from skinbus.objects.eds_file import EdsFile, Entry, Variable
+from skinbus.objects.eds_file import OBJECT, EdsFile, Entry, Variable
 from skinbus.objects.eds_values import TYPES, UNSIGNED32
 from skinbus.objects.pdo import MAX_DUMMY, Direction, split_mapping
 from skinbus.objects.profile import FRAME_BYTES
@@ -33,7 +33,6 @@ _KEYS = (
     *("DefaultValue", "PDOMapping", "ObjFlags", "CompactSubObj", "ParameterValue", "UploadFile"),
     *("DownloadFile", "Denotation", "ParamRefd", "Unit", "Factor", "Description", "StorageLocation"),
 )
-_OBJECT = re.compile(r"[0-9a-f]{4}(sub[0-9a-f]{1,2})?")
 _OBJECT_LIKE = re.compile(r"[0-9a-f]{4}(sub[0-9a-f]{1,2}|name|value|denotation|objectlinks)?")
 
 
@@ -76,7 +75,7 @@ def _spelling(file: EdsFile) -> None:
     for name, section in file.sections.items():
         if re.match(r"[0-9a-f]{4}", name) and not _OBJECT_LIKE.fullmatch(name):
             file.fault(section.name, "", None, "a section such as [1A00], [1A00sub1] or [1A00Name]")
-        for key, text in section.keys.items() if _OBJECT.fullmatch(name) else ():
+        for key, text in section.keys.items() if OBJECT.fullmatch(name) else ():
             if key not in known and n_strange < MAX_STRANGE:
                 n_strange += 1
                 if near := get_close_matches(key, known, 1, 0.8):
@@ -96,11 +95,6 @@ def _limits(file: EdsFile) -> None:
                 file.fault(variable.section, key, value.number, f"at least {low:g}, the low limit")
             if high is not None and value.number > high:
                 file.fault(variable.section, key, value.number, f"at most {high:g}, the high limit")
-
-
-def _communication(file: EdsFile, direction: Direction) -> list[Entry]:
-    first = direction.communication
-    return [entry for i, entry in sorted(file.objects.items()) if first <= i < first + cia.MAX_PDOS]
 
 
 def _pdos(file: EdsFile) -> None:
@@ -146,9 +140,8 @@ def _mapping(file: EdsFile, direction: Direction, mapping: Entry) -> None:
             file.fault_at(variable, variable.number, "an UNSIGNED32: index, sub-index and bits")
             continue
         total += variable.number & 0xFF
-        if wanted := _mapped_object(file, direction, variable.number):
-            for each in wanted:
-                file.fault_at(variable, f"0x{variable.number:08X}", each)
+        for wanted in _mapped_object(file, direction, variable.number):
+            file.fault_at(variable, f"0x{variable.number:08X}", wanted)
     is_fd = any(
         FRAME_BYTES.endswith(f"/{v.name}") for e in file.objects.values() for v in e.variables.values()
     )
@@ -183,7 +176,9 @@ def _mapped_object(file: EdsFile, direction: Direction, value: int) -> list[str]
 def _identifiers(file: EdsFile) -> None:
     """No PDO on a restricted identifier, and no identifier used twice, whatever the node-ID."""
     pdos = [
-        e.variables.get(cia.PDO_COB_ID) for direction in Direction for e in _communication(file, direction)
+        file.variable(direction.communication + k, cia.PDO_COB_ID)
+        for direction in Direction
+        for k in range(cia.MAX_PDOS)
     ]
     others = ((cia.SYNC_COB_ID, 0), (cia.EMCY_COB_ID, 0), (cia.SDO_SERVER, 1), (cia.SDO_SERVER, 2))
     found = [i for v in [*pdos, *(file.variable(*place) for place in others)] if (i := _identifier(v))]

@@ -124,17 +124,17 @@ def _parse_integer_value(text: str, kind: DataType) -> Value | str:
 def _parse_real(text: str, bits: int) -> Value | str:
     """Return a real number; hexadecimal spells its IEEE 754 bits (as dcf-tools and lely read it)."""
     text = text.partition(";")[0].strip()
+    wanted = f"a real number, or its {bits} bits in hexadecimal"
     if text[:2].lower() == "0x":
         number = parse_integer(text)
         if number is None or number >= 1 << bits:
-            return f"a real number, or its {bits} bits in hexadecimal"
-        layout = ("<I", "<f") if bits == 32 else ("<Q", "<d")
-        real = float(struct.unpack(layout[1], struct.pack(layout[0], number))[0])
+            return wanted
+        (real,) = struct.unpack("<f" if bits == 32 else "<d", number.to_bytes(bits // 8, "little"))
     else:
         try:
             real = float(text)
         except ValueError:
-            return f"a real number, or its {bits} bits in hexadecimal"
+            return wanted
     return Value(real) if math.isfinite(real) else "a finite number"
 
 

@@ -204,17 +204,6 @@ def unknown_nodes(arm: Arm, key: str, node_ids: Sequence[int]) -> FaultList:
     return FaultList(Fault(key, node_id, wanted) for node_id in node_ids if node_id not in known)
 
 
-def unknown_tactels(arm: Arm, key: str, tactels: Sequence[tuple[int, int]]) -> FaultList:
-    """Return a fault for each [node-ID, tactel] that the arm does not have; tactels count from 1."""
-    faults = unknown_nodes(arm, key, [node_id for node_id, _ in tactels])
-    for node_id, number in tactels:
-        patches = arm.patches_named(node_id)
-        n = max((arm.patches[p].patch.n_tactels for p in patches), default=0)
-        if patches and not 1 <= number <= n:
-            faults.add(key, [node_id, number], f"a tactel of 1 to {n}")
-    return faults
-
-
 def stream(seed: int, name: str, bus: int = 0) -> Rng:
     """Return the random stream of an effect: a function of (seed, name) and the bus it acts on alone."""
     key = [seed, zlib.crc32(name.encode()), *([bus] if bus else [])]

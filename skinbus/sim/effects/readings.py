@@ -18,7 +18,7 @@ from skinbus.sim.effect import (
     Rng,
     parameter,
     settings,
-    unknown_tactels,
+    unknown_nodes,
 )
 
 _EULER = math.exp(0.5772156649015329)
@@ -239,7 +239,13 @@ class _FaultyTactels(Effect):
 
     def check(self, arm: Arm) -> Sequence[Fault]:
         """Return faults for tactels that the arm does not have."""
-        return unknown_tactels(arm, "tactels", self.tactels)
+        faults = unknown_nodes(arm, "tactels", [node_id for node_id, _ in self.tactels])
+        for node_id, number in self.tactels:
+            patches = arm.patches_named(node_id)
+            n = max((arm.patches[p].patch.n_tactels for p in patches), default=0)
+            if patches and not 1 <= number <= n:
+                faults.add("tactels", [node_id, number], f"a tactel of 1 to {n}")
+        return faults
 
     def chosen(self, arm: Arm, rng: Rng) -> Any:
         """Return which tactels fail, (n_tactels,)."""
