@@ -158,14 +158,14 @@ class Baseline:
         self.arm = arm
         self._last_ns: int | None = None
         n, p = arm.n_tactels, arm.n_patches
-        self._patch, self._first = np.asarray(arm.tactel_patch), np.asarray(arm.patch_start[:-1])
-        self._near, self._healthy = _near(arm), np.array(arm.tactel_healthy)
+        self._patch, self._first = arm.tactel_patch, arm.patch_start[:-1]
+        self._near, self._healthy = _near(arm), arm.tactel_healthy
         # beyond any count: what is read further from 0 counts as this
-        self._touch, self._most = np.array(arm.tactel_threshold), 1.001 * np.abs(limit_of(arm))
+        self._touch, self._most = arm.tactel_threshold, 1.001 * np.abs(limit_of(arm))
         self._ratio = np.clip(arm.tactel_release / np.maximum(self._touch, 1e-9), 0.0, 1.0)
         # a board that declares no noise: no division, no threshold of 0
         self._declared2 = np.maximum(arm.tactel_noise, 1e-3) ** 2
-        self._band, self._drift = np.array(arm.tactel_zero_band), arm.tactel_zero_drift**2 / DRIFT_S
+        self._band, self._drift = arm.tactel_zero_band, arm.tactel_zero_drift**2 / DRIFT_S
         self._no_zero = (self._touch / EXPLAINED) ** 2
         self._zeroed = np.zeros(n, np.bool_)  # has a zero from readings
         self._centre, self._pressed, self._level = np.zeros((3, n))
@@ -372,7 +372,7 @@ class Baseline:
     def common(self) -> Floats:
         """(n_patches,) Pa^2, of what the zeros of a board have in common: the surest one may have drifted."""
         doubt = np.where(self._zeroed | ~self._healthy, self.felt.doubt, 0.0)
-        return np.asarray(COMMON**2 * np.minimum.reduceat(doubt, self._first))
+        return COMMON**2 * np.minimum.reduceat(doubt, self._first)
 
     @property
     def zeros(self) -> Floats:
@@ -397,7 +397,7 @@ class Baseline:
     @property
     def suspect(self) -> Bools:
         """(n_tactels,) touched ever since power came: a touch at power-on, or a zero that is far off."""
-        return np.asarray(self.touched & ~self._zeroed)
+        return self.touched & ~self._zeroed
 
 
 def _cycles(dt: float) -> float:

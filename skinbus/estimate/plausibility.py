@@ -140,7 +140,7 @@ class Plausibility:
     def __init__(self, arm: Arm) -> None:
         check_arm(arm)
         self.arm, n, m = arm, arm.n_tactels, arm.n_patches
-        self._patch, self._first = np.asarray(arm.tactel_patch), np.asarray(arm.patch_start[:-1])
+        self._patch, self._first = arm.tactel_patch, arm.patch_start[:-1]
         self._near, self._row, self._law, self._is_next = _neighbours(arm)
         step, self._high = step_of(arm), limit_of(arm)
         self._low = -BOTTOM * self._high

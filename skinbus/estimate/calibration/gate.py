@@ -219,7 +219,7 @@ def spread_faults(table: PressTable) -> tuple[list[str], list[str]]:
     near = (table.away() < NEAR * table.pitch) & np.isfinite(table.pressures)
     for p in range(arm.n_patches):
         own, node = near[table.patch == p, arm.tactels_of(p)], f"node {arm.node_label(p)}"
-        healthy, n_on = np.asarray(arm.tactel_healthy[arm.tactels_of(p)]), int(own.any(axis=1).sum())
+        healthy, n_on = arm.tactel_healthy[arm.tactels_of(p)], int(own.any(axis=1).sum())
         bare = ~own.any(axis=0) & healthy
         if n_on < FEWEST_EACH:
             faults.append(f"too few presses on {node}: {n_on}; {FEWEST_EACH} are the least")

@@ -195,7 +195,7 @@ def learn_radial_law(
     left = fit.residuals[fit.kept] ** 2 / fit.variance[fit.kept]
     return Calibration(
         law=fit.law(to_newtons, has_map=values is not None),
-        gain=np.asarray(arm.tactel_gain) / gain,
+        gain=arm.tactel_gain / gain,
         width=np.exp(width),
         bias=offset / gain,
         noise=fit.noise / gain,
@@ -293,7 +293,7 @@ class _Fit:
     @property
     def kept(self) -> Bools:
         """Whether a row belongs to a press that is no outlier."""
-        return np.asarray(~self.outlier[self.presses.owner])
+        return ~self.outlier[self.presses.owner]
 
     @property
     def residuals(self) -> Floats:
@@ -391,7 +391,7 @@ class _Fit:
 
     def _misfit_at(self, d: Floats) -> Floats:
         """Return the misfit at distances d (m), per unit of effective force; (...,) Pa."""
-        return np.asarray(np.interp(d / REACH * BINS - 0.5, np.arange(BINS), self._misfit_profile))
+        return np.interp(d / REACH * BINS - 0.5, np.arange(BINS), self._misfit_profile)
 
     def find_outliers(self) -> None:
         """Leave out the presses whose residuals deviate far more than those of the others."""
@@ -448,12 +448,12 @@ def _basis_at(d: Floats) -> Floats:
     The last point of the table is 0, as is all beyond it. Cubic Hermite polynomials; slopes are central
     differences, 0 at d = 0, one-sided at the end.
     """
-    return np.asarray(np.nan_to_num(_UNIT_PROFILES(d / STEP))[:, :-1])
+    return np.nan_to_num(_UNIT_PROFILES(d / STEP))[:, :-1]
 
 
 def _slopes_at(d: Floats) -> Floats:
     """Return the same for the slope of the profile, times the step of the table."""
-    return np.asarray(np.nan_to_num(_UNIT_SLOPES(d / STEP))[:, :-1])
+    return np.nan_to_num(_UNIT_SLOPES(d / STEP))[:, :-1]
 
 
 def _unit_profiles() -> CubicHermiteSpline:

@@ -55,8 +55,8 @@ def pose_signal(t: Floats, s: Floats, a: Floats, height: Floats | None) -> Float
     speed = uniform_filter1d(np.hypot(np.gradient(s, t), np.gradient(a, t)), 2 * _window(t), mode="nearest")
     still = 1.0 / (1.0 + (speed / SLOW) ** 2)
     if height is None:
-        return np.asarray(still)
-    return np.asarray(still / (1.0 + np.exp(np.clip((height - NEAR) / (0.3 * NEAR), -50.0, 50.0))))
+        return still
+    return still / (1.0 + np.exp(np.clip((height - NEAR) / (0.3 * NEAR), -50.0, 50.0)))
 
 
 def find_offset(t: Floats, load: Floats, t_other: Floats, other: Floats) -> ClockOffset:

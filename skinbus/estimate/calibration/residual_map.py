@@ -71,8 +71,8 @@ def residual_maps(
 
 def _fade(away: Places) -> Floats:
     """Return the part of a map that is left so far (m) from its tactel."""
-    return np.asarray(np.clip((MAP_REACH - np.abs(away)) / (FADE * MAP_REACH), 0.0, 1.0))
+    return np.clip((MAP_REACH - np.abs(away)) / (FADE * MAP_REACH), 0.0, 1.0)
 
 
 def _kernel(one: Places, other: Places) -> Floats:
-    return np.asarray((1.0 - WHITE**2) * np.exp(-0.5 * np.abs((one[:, None] - other) / LENGTH) ** 2))
+    return (1.0 - WHITE**2) * np.exp(-0.5 * np.abs((one[:, None] - other) / LENGTH) ** 2)

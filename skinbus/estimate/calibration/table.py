@@ -129,7 +129,7 @@ def tables_of(arm: Arm, presses: Sequence[Press]) -> Iterator[tuple[PressTable, 
 def kind_of(arm: Arm, p: int) -> tuple[Any, ...]:
     """Return what boards of a kind have in common; a mirrored board is of the kind of the others."""
     patch = arm.patches[p].patch
-    uv = np.asarray(patch.tactels_uv)
+    uv = patch.tactels_uv
     either = min(((uv * sign) + 0.0).tobytes() for sign in ((1.0, 1.0), (1.0, -1.0)))  # no -0.0
     return either, patch.diameter, patch.size, patch.transducer
 

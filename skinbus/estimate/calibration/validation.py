@@ -47,7 +47,7 @@ class HeldOutErrors:
     @property
     def found(self) -> Bools:
         """Presses within the tactels that were found."""
-        return np.asarray(self.inside & np.isfinite(self.sd))
+        return self.inside & np.isfinite(self.sd)
 
     def place(self, kept: Bools | None = None) -> float:
         """Return the distance that 68 % of the presses within the tactels do not exceed, m; NaN of none.
@@ -82,12 +82,12 @@ def single_noise(table: PressTable, learned: Calibration) -> Floats:
     So it is what the file says, the median of all presses as most are far from a tactel, else what was
     learned, and at least what the board declares.
     """
-    noise = np.maximum(learned.noise, np.asarray(table.arm.tactel_noise))
+    noise = np.maximum(learned.noise, table.arm.tactel_noise)
     if table.noise is None:
         return noise
     said = np.isfinite(table.noise).any(axis=0)
     # in the unit of the arm's gains; the learned ones take their place
-    gain = np.asarray(learned.gain) / np.asarray(table.arm.tactel_gain)
+    gain = learned.gain / table.arm.tactel_gain
     noise[said] = np.nanmedian(table.noise[:, said], axis=0) * gain[said]
     return noise
 
@@ -110,7 +110,7 @@ def cross_validate(table: PressTable, kept: Bools | None = None) -> HeldOutError
 
 def errors_of(table: PressTable, arm: Arm) -> HeldOutErrors:
     """Return the errors of an arm that holds some response."""
-    gain = np.asarray(arm.tactel_gain) / np.asarray(table.arm.tactel_gain)
+    gain = arm.tactel_gain / table.arm.tactel_gain
     s, a, force, sd, _ = strongest(arm, table.pressures * gain).T
     uv = table.uv(np.nan_to_num(s), np.nan_to_num(a)) - table.uv()
     uv[np.isnan(s)] = np.nan
@@ -120,7 +120,7 @@ def errors_of(table: PressTable, arm: Arm) -> HeldOutErrors:
 def _inside(table: PressTable) -> Bools:
     uv, inside = table.uv(), np.zeros(len(table), np.bool_)
     for p, placed in enumerate(table.arm.patches):
-        rows, tactels, rim = table.patch == p, np.asarray(placed.patch.tactels_uv), RIM * table.pitch
+        rows, tactels, rim = table.patch == p, placed.patch.tactels_uv, RIM * table.pitch
         low, high = tactels.min(axis=0) - rim, tactels.max(axis=0) + rim
         inside[rows] = ((uv[rows] >= low) & (uv[rows] <= high)).all(axis=1)
     return inside

@@ -103,4 +103,4 @@ def _read(share: float, at: npt.NDArray[Any]) -> Floats:
     tables = FIELDS[0] + min(max(share, 0.0), 1.0) * (FIELDS[1] - FIELDS[0])
     last = SPACING * (tables.shape[-1] - 1)
     spline = CubicSpline(np.linspace(0.0, last, tables.shape[-1]), tables, axis=-1, bc_type="clamped")
-    return np.asarray(spline(np.minimum(at, last)))
+    return spline(np.minimum(at, last))
