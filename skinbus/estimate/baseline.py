@@ -43,7 +43,7 @@ drift, too: all of it is below the threshold for so long (200 Pa/s and more neve
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -339,11 +339,8 @@ class Baseline:
     def kept(self) -> KeptZeros:
         """Return what a restart must not lose."""
         w = self.felt
-        columns: tuple[Any, ...] = (
-            *(w.zero, w.doubt, self._centre, w.variance),
-            *(self._zeroed, self.touched, self._pressed),
-        )
-        return KeptZeros(*(column.copy() for column in columns))
+        kept = KeptZeros(w.zero, w.doubt, self._centre, w.variance, self._zeroed, self.touched, self._pressed)
+        return KeptZeros._make(column.copy() for column in kept)
 
     def resume(self, patch: int, kept: KeptZeros, age_s: float) -> int:
         """Take up the zeros of one patch, ``age_s`` old; return of how many tactels.

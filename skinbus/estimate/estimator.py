@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import operator
-
 import numpy as np
 import numpy.typing as npt
 
@@ -80,11 +78,10 @@ class Estimator:
             raise ValueError(f"budget_work must not be negative, got {budget_work}")
         _check_budget(budget_us, clock)
         self.arm = arm
-        self.level = level
+        self.allow(level)
         self.budget_us = budget_us
         self._budget_work = budget_work
         self._clock = clock
-        self._rank = LEVELS.index(level)
         layout = compile_layout(arm)
         self._unit = length_unit(arm)
         # What a baseline changes from cycle to cycle: kernels see it through views they cannot write.
@@ -96,7 +93,7 @@ class Estimator:
         self._search.pitch[0] = pitch_of(arm)
         self._tables = array_table(self._layout), array_table(self._work), array_table(self._search)
         self._work.options[:] = (
-            0 if k is None else min(operator.index(k), PATCH_CLUSTERS),
+            0 if k is None else min(k, PATCH_CLUSTERS),
             start == "random",
             0,
         )
@@ -170,7 +167,7 @@ class Estimator:
             self._sigma[:] = self._own_sigma
             self._limit[:] = self._own_limit
             # to FREE and TOUCHED
-            np.greater_equal(self._work.pressure, self._layout.threshold, out=self._work.felt.view(np.bool_))
+            self._work.felt[:] = self._work.pressure >= self._layout.threshold
             return
         if baseline.arm.n_tactels != self.arm.n_tactels:
             raise ValueError(
@@ -178,11 +175,9 @@ class Estimator:
             )
         felt = baseline.felt
         # Never less than declared: readings that are too good do not make the law any truer.
-        np.add(felt.variance, felt.doubt, out=self._sigma)
-        np.sqrt(self._sigma, out=self._sigma)
-        np.maximum(self._sigma, self._own_sigma, out=self._sigma)
+        self._sigma[:] = np.maximum(np.sqrt(felt.variance + felt.doubt), self._own_sigma)
         # The zero is off the pressure, so full scale has moved by it.
-        np.subtract(self._own_limit, felt.zero, out=self._limit)
+        self._limit[:] = self._own_limit - felt.zero
         self._work.felt[:] = felt.touched
 
     def _take_valid(self, valid: npt.ArrayLike | None) -> None:

@@ -109,8 +109,9 @@ class Judgement:
 
     @property
     def force_error(self) -> float:
-        """The same of the force, as a part of it."""
-        return math.nan if self.errors is None else self.errors.relative_force(self.table.forces)
+        """The same of the force, as a part of it; NaN where it is not known."""
+        stated = self.table.force
+        return math.nan if self.errors is None or stated is None else self.errors.relative_force(stated)
 
 
 def judge(table: PressTable) -> Judgement:
@@ -237,7 +238,7 @@ def _zero_faults(table: PressTable) -> Iterator[str]:
     """Yield the boards whose tactels read something of presses that are elsewhere, as sentences."""
     away = np.where(table.away() > AWAY, table.pressures, np.nan)
     for p in np.unique(table.patch).tolist():
-        own, far = table.own(p), away[table.patch == p, table.arm.tactels_of(p)]
+        own, far = (x[table.patch == p, table.arm.tactels_of(p)] for x in (table.pressures, away))
         known = np.isfinite(far).sum(axis=0) >= FEWEST_AWAY
         off = float(np.sqrt(np.mean(np.nanmedian(far[:, known], axis=0) ** 2))) if known.any() else 0.0
         strong = float(np.nanquantile(np.nanmax(own, axis=1, initial=0.0), 0.75))

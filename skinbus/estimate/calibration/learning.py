@@ -34,7 +34,7 @@ from scipy.sparse import csr_array
 
 from skinbus.arrays import Bools, Floats
 from skinbus.estimate.calibration.residual_map import MAP_REACH, MAP_STEP, residual_maps
-from skinbus.estimate.kernels.layout import limit_of
+from skinbus.estimate.kernels.layout import limit_of, step_of
 from skinbus.model import Arm, Radial, ResidualMap
 
 Ints = npt.NDArray[np.intp]
@@ -272,16 +272,13 @@ class _Fit:
         """Logarithm of the geometric mean of the forces."""
         self._log_force = log_force - self.middle
         self._learns_exponent = force.max() >= MIN_FORCE_RATIO * force.min()
-        steps = np.array([placed.patch.transducer.resolution for placed in arm.patches])
         # the standard deviation that rounding alone gives a reading, Pa
-        self._floor = np.maximum(steps[arm.tactel_patch] * arm.tactel_gain / math.sqrt(12.0), 1e-9 * peak)
+        self._floor = np.maximum(step_of(arm) / math.sqrt(12.0), 1e-9 * peak)
         self._unmatched = TRUEST * peak
         self.table, self.exponent = np.zeros(POINTS - 1), 1.0
-        said = np.array(TACTEL_SD) * (1.0, 1.0, peak)
-        self.tactels = _Unknowns(tactel, arm.n_tactels, said)
+        self.tactels = _Unknowns(tactel, arm.n_tactels, np.array(TACTEL_SD) * (1.0, 1.0, peak))
         """Logarithms of gain and width, offset (Pa)."""
-        of_press = (place_sd or 1.0, place_sd or 1.0, FORCE_SD)
-        self.presses = _Unknowns(press, len(s), of_press)
+        self.presses = _Unknowns(press, len(s), (place_sd or 1.0, place_sd or 1.0, FORCE_SD))
         """What they are off by along s and a (m), and in the logarithm of the force."""
         self.noise, self.misfit, self._misfit_profile = self._floor, 0.0, np.zeros(BINS)
         self.variance = np.full(len(self._p), (FIRST * peak) ** 2)

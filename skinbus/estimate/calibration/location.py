@@ -153,8 +153,7 @@ def locate(arm: Arm, presses: Sequence[Press], *, place_sd: float = PLACE_SD) ->
     boards = [_seen(arm, p, presses) for p in sorted({press.patch for press in presses})]
     sigma = WIDE * place_sd
     for _ in range(ROUNDS):
-        length = [board.pose(sigma).length for board in boards]
-        near = np.concatenate(length)
+        near = np.concatenate([board.pose(sigma).length for board in boards])
         near = near[near < OUTLIER]
         freedom = max(2 * len(near) - 3 * len(boards), 0)
         # the contacts' own part of the residuals is small beside that of the places
@@ -171,11 +170,11 @@ def _seen(arm: Arm, p: int, presses: Sequence[Press]) -> _Seen:
         # one tool makes all the presses: with a size for each, places near the rim scatter more
         law = replace(patch.law, misfit_profile=patch.law.misfit * np.abs(patch.law.table))
         patch = replace(patch, law=law)
-    alone = replace(placed, patch=patch, link=0, s=0.5 * size, a=0.0, yaw=0.0, bus=0)
+    alone = replace(placed, patch=patch, link=0, s=0.5 * size, a=0.0, bus=0)
     board = Arm("board", [Link("board", Surface.plane(size, size))], [alone])
     s, a, _, sd, second = strongest(board, np.array([presses[k].readings for k in own])).T
     usable = np.isfinite(s) & (second <= SECOND)
-    felt = (s - 0.5 * size + 1j * a) * np.exp(1j * placed.yaw)
+    felt = s - 0.5 * size + 1j * a
     along, across = np.array([(presses[k].s, presses[k].a) for k in own]).T
     said = arm.on_board(p, along, across) @ (1.0, 1j) * np.exp(1j * placed.yaw)
     return _Seen(p, own[usable], tuple(own[~usable].tolist()), felt[usable], said[usable], sd[usable])

@@ -69,11 +69,6 @@ class PressTable:
         """Of the tactels, m."""
         return self.arm.patches[0].patch.pitch
 
-    @property
-    def forces(self) -> Floats:
-        """(n,) N, ones where they are not known."""
-        return np.ones(len(self)) if self.force is None else self.force
-
     def uv(self, s: Floats | None = None, a: Floats | None = None) -> Floats:
         """Return places on the chart in the frames of the boards, (n, 2) m; those of the table by default."""
         s, a = self.s if s is None else s, self.a if a is None else a
@@ -82,10 +77,6 @@ class PressTable:
             rows = self.patch == p
             out[rows] = self.arm.on_board(int(p), s[rows], a[rows])
         return out
-
-    def own(self, p: int) -> Floats:
-        """Return what a patch reads in its rows, (n_rows, its tactels) Pa."""
-        return np.asarray(self.pressures[self.patch == p][:, self.arm.tactels_of(p)])
 
     def away(self) -> Floats:
         """Return the distances of presses from tactels, (n, n_tactels) m; infinite from other patches."""

@@ -69,8 +69,9 @@ class HeldOutErrors:
 
 def learn(table: PressTable) -> Calibration:
     """Return what is to be written of all rows; ``learn_radial_law`` says what it raises."""
-    presses = (table.arm, table.s, table.a, table.force, table.pressures)
-    learned = learn_radial_law(*presses, link=table.link, place_sd=PLACE_SD)
+    learned = learn_radial_law(
+        table.arm, table.s, table.a, table.force, table.pressures, link=table.link, place_sd=PLACE_SD
+    )
     return replace(learned, noise=single_noise(table, learned))
 
 

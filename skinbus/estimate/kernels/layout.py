@@ -87,31 +87,25 @@ def compile_layout(arm: Arm) -> Layout:
     unit = length_unit(arm)
     patches = [placed.patch for placed in arm.patches]
     patch = arm.tactel_patch.astype(np.int64)
-    start = arm.patch_start.astype(np.int64)
-    step = step_of(arm)
     law_par, law_table, law_of_patch = _distinct_laws(patches, unit)
     map_of, map_value, map_step = _maps(patches, unit)
 
-    xy = [
-        arm.links[placed.link].surface.develop(
-            arm.tactel_s[arm.tactels_of(p)], arm.tactel_a[arm.tactels_of(p)], placed.a
-        )
-        for p, placed in enumerate(arm.patches)
-    ]
-    x = np.concatenate([np.broadcast_to(part[0], part[1].shape) for part in xy]) / unit
-    y = np.concatenate([part[1] for part in xy]) / unit
+    xy = []
+    for p, placed in enumerate(arm.patches):
+        here, surface = arm.tactels_of(p), arm.links[placed.link].surface
+        xy.append(np.broadcast_arrays(*surface.develop(arm.tactel_s[here], arm.tactel_a[here], placed.a)))
+    x, y = np.concatenate(xy, axis=1) / unit
     tactel_s, tactel_a = arm.tactel_s / unit, arm.tactel_a / unit
     patch_s, patch_a = arm.patch_s / unit, arm.patch_a / unit
-    from_centre = np.hypot(x - patch_s[patch], y)
 
     link = arm.patch_link.astype(np.int64)
     links = arm.link_shapes / (unit, 1.0, unit, unit)
     scale = np.array([[placed.scale] for placed in arm.patches])
     size = np.array([p.size for p in patches]) * scale / unit
     extent = np.stack([np.ptp(p.tactels_uv, axis=0) for p in patches]) * scale / unit
-    margin = 0.5 * np.max(np.maximum(size - extent, 0.0), axis=1)
+    margin = 0.5 * (size - extent).max(axis=1, initial=0.0)
     yaw = np.array([placed.yaw for placed in arm.patches])
-    board = np.stack([np.cos(yaw), np.sin(yaw), 0.5 * size[:, 0] + SEAM, 0.5 * size[:, 1] + SEAM], -1)
+    board = np.column_stack([np.cos(yaw), np.sin(yaw), 0.5 * size + SEAM])
     edges = _neighbours(tactel_s, tactel_a, patch, link, margin, links)
     edges |= edges.T
 
@@ -120,7 +114,7 @@ def compile_layout(arm: Arm) -> Layout:
         a=tactel_a,
         x=x,
         y=y,
-        sigma=np.sqrt(arm.tactel_noise**2 + step * step / 12.0),
+        sigma=np.sqrt(arm.tactel_noise**2 + step_of(arm) ** 2 / 12.0),
         threshold=arm.tactel_threshold,
         limit=limit_of(arm),
         healthy=arm.tactel_healthy,
@@ -132,11 +126,11 @@ def compile_layout(arm: Arm) -> Layout:
         map_of=map_of,
         edge_start=np.append(0, np.cumsum(edges.sum(axis=1))),
         edge_to=edges.nonzero()[1],
-        patch_start=start,
+        patch_start=arm.patch_start.astype(np.int64),
         patch_link=link,
         patch_s=patch_s,
         patch_a=patch_a,
-        patch_reach=from_centre.max(keepdims=True),
+        patch_reach=np.hypot(x - patch_s[patch], y).max(keepdims=True),
         board=board,
         link=links,
         law_par=law_par,
@@ -144,7 +138,7 @@ def compile_layout(arm: Arm) -> Layout:
         map_value=map_value,
         map_step=map_step,
     )
-    return Layout(**{name: _frozen(column) for name, column in columns._asdict().items()})
+    return Layout._make(map(_frozen, columns))
 
 
 def step_of(arm: Arm) -> Floats:
@@ -159,8 +153,8 @@ def limit_of(arm: Arm) -> Floats:
     That of the largest reading, less the counts at no pressure, less half a step: it stands for all that
     rounds to it, and arithmetic in another order does not bring it below by a bit.
     """
-    full = np.array([placed.patch.transducer.clipped_counts for placed in arm.patches])[arm.tactel_patch]
-    step = np.array([placed.patch.transducer.step for placed in arm.patches])[arm.tactel_patch]
+    transducers = [placed.patch.transducer for placed in arm.patches]
+    full, step = np.array([(t.clipped_counts, t.step) for t in transducers])[arm.tactel_patch].T
     return np.asarray((full - arm.tactel_offset) * step * np.abs(arm.tactel_gain))
 
 
@@ -238,8 +232,9 @@ def _by_point(table: Floats, slopes: Floats) -> Floats:
 
 
 def _key(patch: Patch) -> tuple[object, ...]:
-    columns = (getattr(patch.law, field.name) for field in fields(patch.law))
-    return (type(patch.law), patch.diameter, *(np.asarray(column, float).tobytes() for column in columns))
+    law = patch.law
+    columns = (np.asarray(getattr(law, field.name), float).tobytes() for field in fields(law))
+    return (type(law), patch.diameter, *columns)
 
 
 def _maps(patches: list[Patch], unit: float) -> tuple[Ints, Floats, Floats]:
