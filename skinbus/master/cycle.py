@@ -131,7 +131,7 @@ class Cycle:
         self._is_real = measured | np.array([law.misfit > 0.0 for law in laws])  # an ideal law is exact
         self._is_unmeasured = self._is_real & ~measured
         self._offset = plan.counts_offset
-        self._scale = plan.counts_scale * arm.tactel_gain
+        self._scale = plan.counts_scale
 
     def run(
         self,

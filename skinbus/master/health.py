@@ -87,9 +87,9 @@ class Health:
 
     def _sample(self, report: CycleReport) -> None:
         """Sample zeros and noise of free tactels."""
-        arm, w = self._arm, self.records
+        w = self.records
         kept = self._cycle.baseline.kept()
-        use = kept.zeroed & ~kept.touched & ~self._faulty & report.fresh[arm.tactel_patch]
+        use = kept.zeroed & ~kept.touched & ~self._faulty & report.fresh[self._arm.tactel_patch]
         w["zero"][use] = kept.zero[use]
         w["noise"][use] = np.sqrt(kept.variance[use])
         w["samples"] += use
@@ -102,8 +102,7 @@ class Health:
 
     def as_tables(self, records: Records) -> dict[str, Any]:
         """Return a copy of the records as tables of numbers; null for what is not known."""
-        columns = {key: records[key] for key in NAMES}
-        return {"arm": self._arm.name, "health": tables_of(self._arm, columns)}
+        return {"arm": self._arm.name, "health": tables_of(self._arm, {key: records[key] for key in NAMES})}
 
     def resume(self, tables: dict[str, Any]) -> int:
         """Take up what an earlier run has seen; return of how many boards."""
@@ -143,8 +142,12 @@ class HealthFinding(NamedTuple):
 
 def findings(arm: Arm, boards: Sequence[Records | None]) -> list[HealthFinding]:
     """Return what is to be said of the boards of an arm: what changed, and what to do."""
-    seen = [(p, own) for p, own in enumerate(boards) if own is not None]
-    return [HealthFinding(p, *finding) for p, own in seen for finding in _of_board(arm, p, own)]
+    return [
+        HealthFinding(p, *finding)
+        for p, own in enumerate(boards)
+        if own is not None
+        for finding in _of_board(arm, p, own)
+    ]
 
 
 def _of_board(arm: Arm, p: int, own: Records) -> Iterator[tuple[tuple[int, ...], str, str]]:

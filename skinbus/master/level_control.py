@@ -120,11 +120,6 @@ class LevelControl:
         """Level of the next cycle."""
         return LEVELS[self._rank]
 
-    @property
-    def is_lowered(self) -> bool:
-        """Whether that is below the one asked for."""
-        return self._rank < self._top
-
     def sync(self, gap_ns: int) -> None:
         """Note the time from the SYNC before to this one; what is longer than a period has left some out."""
         self._left_out += max(0, round(gap_ns / self._period_ns) - 1)
@@ -154,7 +149,7 @@ class LevelControl:
         since_sync_ns: from the SYNC until its contacts were handed to the bus.
         estimate_ns:   of that, the estimator; publishing_ns: of that, all computing after the estimator.
         """
-        flags = CycleFlags.LOWERED if self.is_lowered else CycleFlags(0)
+        flags = CycleFlags.LOWERED if self._rank < self._top else CycleFlags(0)
         is_late = since_sync_ns > self._period_ns
         if is_late or self._left_out:
             flags |= CycleFlags.OVERRUN

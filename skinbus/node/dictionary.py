@@ -45,7 +45,7 @@ class Dictionary:
         self.writers: dict[int, Rule] = {}
         """Objects whose writes are commands: called instead of storing."""
         self.on_write: WriteHook | None = None
-        self.on_stored: Callable[[ImageEntry], None] | None = None
+        self.on_stored: Callable[[ImageEntry], None] = lambda entry: None
         """Called after a write from the bus has changed a value, before the service that lives by it."""
 
     def find(self, index: int, sub: int) -> ImageEntry:
@@ -92,9 +92,9 @@ class Dictionary:
         if writer is not None:
             writer(sub, data)
             return
-        is_new = self.on_stored is not None and data != self.values.load(entry)
+        is_new = data != self.values.load(entry)
         self.values.store(entry, data)
-        if is_new and self.on_stored is not None:
+        if is_new:
             self.on_stored(entry)
         self.changed(index, sub)
 

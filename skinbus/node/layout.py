@@ -13,7 +13,6 @@ from typing import Any
 
 import canopen
 import numpy as np
-import numpy.typing as npt
 from canopen.objectdictionary import ODVariable, datatypes
 
 from skinbus.objects.pdo import frame_bytes
@@ -102,7 +101,7 @@ class ImageLayout:
         """Sub-indices of an object but 0, in order; empty when there is no such object."""
         return sorted(key & 0xFF for key in self.entries if key >> 8 == index and key & 0xFF)
 
-    def span(self, index: int, sub: int, n: int) -> tuple[int, npt.DTypeLike]:
+    def span(self, index: int, sub: int, n: int) -> tuple[int, np.dtype[Any]]:
         """Offset in the image and dtype of ``n`` entries from ``sub`` on.
 
         Entries of one type give that type; mixed ones a structured dtype with the dictionary's names.

@@ -66,7 +66,6 @@ class Values:
         One type gives shape (n,); mixed types give one structured element with the dictionary's names.
         """
         offset, dtype = self.layout.span(index, sub, n)
-        dtype = np.dtype(dtype)
         view = self.image[offset : offset + dtype.itemsize].view(dtype.base)
         return view if dtype.subdtype is not None else view.reshape(())
 
@@ -74,7 +73,6 @@ class Values:
         """A live structured view (n_objects,) of records of equal layout at consecutive indices."""
         subs = self.layout.subs(index)
         offset, dtype = self.layout.span(index, subs[0], len(subs))
-        dtype = np.dtype(dtype)
         stride = -(-dtype.itemsize // 8) * 8
         for i in range(n_objects):
             if self.layout.span(index + i, subs[0], len(subs)) != (offset + i * stride, dtype):

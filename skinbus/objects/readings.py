@@ -86,7 +86,7 @@ class ReadingsPlan:
     free:          (n_frames,) bool, whether a PDO runs freely: it is sent on a change or by a timer
     pause_ns:      (n_frames,) longest time between two frames of one that does
     on_change:     (n_patches,) bool, whether what a patch sent last holds until it sends something else
-    counts_scale:  (n_tactels,) Pa per count, before gain
+    counts_scale:  (n_tactels,) Pa per count, gain included
     counts_offset: (n_tactels,) counts at no pressure
     pdo_patch:     (n_frames,) patch of each PDO with readings
     pdo_bit:       (n_frames,) bit of each PDO in ``expected``
@@ -131,7 +131,7 @@ class ReadingsPlan:
             self._pdo_of[address] = number
         self.cob_ids_on = tuple(frozenset(cob_id[bus == k].tolist()) for k in range(len(arm.buses)))
         steps = [p.patch.transducer.step for p in arm.patches]
-        self.counts_scale = np.repeat(np.array(steps, np.float64), np.diff(arm.patch_start))
+        self.counts_scale = np.repeat(steps, np.diff(arm.patch_start)) * arm.tactel_gain
         self.counts_offset = arm.tactel_offset
         stamps = [_stamp(ods[p], pdo) for p, _, pdo in found]
         self._stamp = np.array(stamps, np.int32).reshape(-1, 4)

@@ -136,7 +136,7 @@ def bus_numbers(arm: Arm, names: Sequence[str]) -> list[int]:
         if name not in known:
             there = f"there are: {', '.join(known)}" if known[0] else "it has one, without a name"
             raise AddressError(f"no bus of {arm.name} is called {name}; {there}")
-    return sorted({known.index(name) for name in names}) if names else list(range(len(known)))
+    return [k for k, name in enumerate(known) if not names or name in names]
 
 
 def one_bus(arm: Arm, names: Sequence[str]) -> Arm:

@@ -241,7 +241,6 @@ class ListenedReadings:
         self._plan = plan
         self._counts = np.zeros(arm.n_tactels, np.int32)
         self._seen = np.zeros(arm.n_patches, np.int32)
-        self._scale = plan.counts_scale * arm.tactel_gain
         self._baseline = Baseline(arm)
         self._plausibility = Plausibility(arm)
         self._wanted: deque[int | None] = deque()
@@ -257,7 +256,7 @@ class ListenedReadings:
         """
         fresh = (self._seen == self._plan.expected) & is_sending
         self._seen &= np.where(is_sending, ~self._plan.on_sync, 0)
-        pressures = (self._counts - self._plan.counts_offset) * self._scale
+        pressures = (self._counts - self._plan.counts_offset) * self._plan.counts_scale
         self._plausibility.judge(pressures, t_ns, fresh, self._baseline)
         self._baseline.apply(pressures, t_ns, fresh)
         while self._wanted:

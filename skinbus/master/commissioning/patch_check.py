@@ -188,12 +188,8 @@ class PatchCheck(ScriptCore):
 
     def sends(self, base: int, data: bytes | None = None) -> Callable[[Frame], bool]:
         """Return what identifies frames of a service of the patch (COB-ID less node-ID) with these data."""
-
-        def is_it(frame: Frame) -> bool:
-            is_own = frame.can_id == base + self.node_id and not frame.flags
-            return is_own and data in (None, frame.data)
-
-        return is_it
+        can_id = base + self.node_id
+        return lambda frame: frame.can_id == can_id and not frame.flags and data in (None, frame.data)
 
     def command(
         self, command: NmtCommand, ns: int = ANSWER_NS, until: Callable[[Frame], bool] | None = None
@@ -203,8 +199,7 @@ class PatchCheck(ScriptCore):
 
     def reset(self) -> Script[None]:
         """Reset the patch, and wait for its boot-up message."""
-        is_boot_up = self.sends(cia.HEARTBEAT_BASE, b"\0")
-        yield from self.command(NmtCommand.RESET_NODE, BOOT_NS, is_boot_up)
+        yield from self.command(NmtCommand.RESET_NODE, BOOT_NS, self.sends(cia.HEARTBEAT_BASE, b"\0"))
 
     def _hold(self, steps: Sequence[str]) -> Check:
         """Go through the steps of a dialogue."""
@@ -280,8 +275,8 @@ class PatchCheck(ScriptCore):
     def _compare(self, verb: str, wanted: Frame) -> str:
         """Return what is wrong with the frames that were heard with an identifier."""
         came = [frame.data for frame in self.heard if frame.can_id == wanted.can_id and not frame.flags & RTR]
-        n, is_exact = len(came), verb == "=="
-        is_right = came and (came[-1] == wanted.data if is_exact else came[-1].startswith(wanted.data))
+        n = len(came)
+        is_right = came and (came[-1] == wanted.data if verb == "==" else came[-1].startswith(wanted.data))
         if verb == "--":
             return f"came {n} times" if came else ""
         if verb != "~~" and n != 1:
@@ -292,7 +287,8 @@ class PatchCheck(ScriptCore):
         """Read or write; an exclamation mark asks for an abort, by one of the codes after it if there are."""
         values, mark, codes = " ".join(words).partition("!")
         data = self._bytes(values)
-        reply: Reply = yield Request(*_place(place), None if verb == "read" else data)
+        index, _, sub = place.partition(":")
+        reply: Reply = yield Request(int(index, 16), int(sub, 16), None if verb == "read" else data)
         self.value = reply.data
         if mark and not reply.abort:
             return "was accepted"
@@ -322,27 +318,19 @@ def _ask(request: Request) -> Script[bytes]:
     return reply.data
 
 
-def _number(index: int, sub: int) -> Script[int]:
-    return int.from_bytes((yield from _ask(Request(index, sub))), "little")
-
-
 def _write(index: int, sub: int, value: int, size: int) -> Request:
     return Request(index, sub, value.to_bytes(size, "little"))
 
 
-SYNC = Frame(cia.SYNC_ID, b"")
-
-
 def _as_eds(patch: PatchCheck, pattern: str, *, zero_is_any: bool) -> Check:
     """Objects whose index and sub-index match a pattern hold what the EDS says."""
-    objects = ((index, getattr(own, "subindices", (0,))) for index, own in patch.od.indices.items())
-    places = [(index, sub) for index, subs in objects for sub in subs]
-    for index, sub in places:
-        if not re.fullmatch(pattern, f"{index:04X}:{sub:02X}"):
-            continue
-        seen, wanted = (yield from _number(index, sub)), number_at(patch.od, index, sub)
-        is_so = seen == wanted or (zero_is_any and not wanted)
-        _need(is_so, f"0x{index:04X}:{sub:02X} is 0x{seen:X}; the EDS says 0x{wanted:X}")
+    for index, own in patch.od.indices.items():
+        for sub in getattr(own, "subindices", (0,)):
+            if re.fullmatch(pattern, place := f"{index:04X}:{sub:02X}"):
+                seen = int.from_bytes((yield from _ask(Request(index, sub))), "little")
+                wanted = number_at(patch.od, index, sub)
+                is_so = seen == wanted or (zero_is_any and not wanted)
+                _need(is_so, f"0x{place} is 0x{seen:X}; the EDS says 0x{wanted:X}")
 
 
 def _counts(patch: PatchCheck) -> Script[list[int]]:
@@ -448,7 +436,7 @@ def _values(pdos: Sequence[PdoMap], frames: Iterable[Frame]) -> list[int]:
 
 def _sync_values(patch: PatchCheck) -> Script[list[int]]:
     """Return what the TPDOs after a SYNC carry; nothing if some do not come as they should."""
-    received: list[Frame] = yield Listen(SYNC_PERIOD_NS, send=(SYNC,))
+    received: list[Frame] = yield Listen(SYNC_PERIOD_NS, send=(Frame(cia.SYNC_ID, b""),))
     lengths = {frame.can_id: len(frame.data) for frame in received}
     is_whole = all(lengths.get(pdo.cob_id) == pdo.length for pdo in patch.pdos)
     return _values(patch.pdos, received) if is_whole else []
@@ -529,8 +517,3 @@ COMMANDS = {
     "reset": NmtCommand.RESET_NODE,
     "comm": NmtCommand.RESET_COMMUNICATION,
 }
-
-
-def _place(text: str) -> tuple[int, int]:
-    index, _, sub = text.partition(":")
-    return int(index, 16), int(sub, 16)

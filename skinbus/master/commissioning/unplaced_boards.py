@@ -114,9 +114,9 @@ class QuietMaster(Master):
         )
 
     def _hand_over(self, report: CycleReport) -> None:
-        plan, arm = self.gather.plan, self.arm
-        pressures = (self.gather.counts - plan.counts_offset) * (plan.counts_scale * arm.tactel_gain)
-        pressures[~report.fresh[arm.tactel_patch]] = np.nan
+        plan = self.gather.plan
+        pressures = (self.gather.counts - plan.counts_offset) * plan.counts_scale
+        pressures[~report.fresh[self.arm.tactel_patch]] = np.nan
         self._on_pressures(report.t_ns, pressures)
 
 
