@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -81,9 +81,9 @@ def ods_of(arm: Arm) -> list[ObjectDictionary]:
         EdsError: a patch names an EDS that does not exist or has faults.
         ValueError: the EDS of a patch describes another number of tactels than the arm has.
     """
-    ods, load = [], _loader()
+    ods, load = [], cache(load_eds)
     for placed in arm.patches:
-        od = load(placed.eds, placed.node_id, placed.settings, placed.serial)
+        od = load(placed.eds, placed.node_id, settings=placed.settings, serial=placed.serial)
         n_tactels = current(look_up(od, TACTEL_COUNT))
         if n_tactels != placed.patch.n_tactels:
             raise ValueError(f"{placed.eds} has {n_tactels!r} tactels; the arm has {placed.patch.n_tactels}")
@@ -93,7 +93,7 @@ def ods_of(arm: Arm) -> list[ObjectDictionary]:
 
 def _place(file: ArmFile, faults: FaultList) -> tuple[list[PlacedPatch], list[ObjectDictionary]]:
     """Return placed patches and their dictionaries; a fault of an EDS of several is said once."""
-    placed, ods, load = [], [], _loader()
+    placed, ods, load = [], [], cache(load_eds)
     known: dict[tuple[str, Settings], Patch] = {}
     faulty = set[tuple[str, Settings]]()
     for mounting in file.mountings:
@@ -106,7 +106,7 @@ def _place(file: ArmFile, faults: FaultList) -> tuple[list[PlacedPatch], list[Ob
         try:
             if (counter := file.buses[0].sync_counter) and cia.SYNC_COUNTER_OVERFLOW in load_eds(eds, 1):
                 settings = ((f"0x{cia.SYNC_COUNTER_OVERFLOW:04X}", counter), *settings)
-            od = load(eds, board.node_id, settings, board.serial)
+            od = load(eds, board.node_id, settings=settings, serial=board.serial)
             patch = known[kind] = known.get(kind) or describe_patch(od, eds)
         except EdsError as error:
             faulty.add(kind)
@@ -130,13 +130,6 @@ def _place(file: ArmFile, faults: FaultList) -> tuple[list[PlacedPatch], list[Ob
             )
         )
     return placed, ods
-
-
-def _loader() -> Callable[[str, int, Settings, int], ObjectDictionary]:
-    """Return ``load_eds`` with a memory: the same board on the same node-ID is read once."""
-    return cache(
-        lambda eds, node_id, settings, serial: load_eds(eds, node_id, settings=settings, serial=serial)
-    )
 
 
 def _at(key: str, eds: str, fault: Fault) -> Fault:

@@ -15,10 +15,9 @@ from typing import NamedTuple
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
 
 from skinbus.errors import EdsError, FaultList
-from skinbus.file_bytes import read_bytes
 from skinbus.objects import cia
 from skinbus.objects.eds import find_eds
-from skinbus.objects.eds_file import MAX_BYTES, decode_text, read_text
+from skinbus.objects.eds_file import read_text, text_of
 from skinbus.objects.eds_text import EdsText
 from skinbus.objects.eds_values import REAL32, REAL64, TYPES, Number, encode
 from skinbus.objects.pdo import Direction
@@ -178,8 +177,7 @@ def write_dcf(
         EdsError: the source does not exist, or does not have an object or a value of that type.
     """
     found = find_eds(source)
-    raw = read_bytes(found, MAX_BYTES, EdsError)
-    text, encoding = decode_text(raw)
+    text, encoding = text_of(found)
     new = dcf_text(text, values, name=str(found), node_id=node_id, file_name=path.name)
     path.write_bytes(new.encode(encoding))
 

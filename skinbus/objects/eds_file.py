@@ -160,12 +160,17 @@ def read_file(path: Path) -> EdsFile:
     Raises:
         EdsError: it cannot be read, or is larger than any EDS.
     """
-    text, _ = decode_text(read_bytes(path, MAX_BYTES, EdsError))
+    text, _ = text_of(path)
     return read_text(text, name=str(path))
 
 
-def decode_text(raw: bytes) -> tuple[str, str]:
-    """Return the text of a file and its encoding: UTF-8 or, failing that, Latin-1, which any bytes are."""
+def text_of(path: Path) -> tuple[str, str]:
+    """Return the text of a file and its encoding: UTF-8 or, failing that, Latin-1, which any bytes are.
+
+    Raises:
+        EdsError: it cannot be read, or is larger than any EDS.
+    """
+    raw = read_bytes(path, MAX_BYTES, EdsError)
     if raw.startswith(codecs.BOM_UTF8):
         return raw.decode("utf-8-sig", errors="replace"), "utf-8-sig"
     try:

@@ -1,19 +1,18 @@
 """Stress that a surface load leaves in an elastic layer bonded to a rigid base, at the depth of the tactels.
 
-The layer has thickness h and Poisson ratio nu; y is the height above the base, z = h - y the depth. For a
+The layer has thickness h and Poisson ratio nu; y is the height above the base, where the tactels are. For a
 surface traction q that varies like a wave of number xi, Navier's equations have the stress function
 f(y xi) = a cosh + b sinh + y xi (c cosh + d sinh). No displacement at the base is a = -n d and b = m c; the
-traction on the surface gives c and d. The normal stress at height y is T q with, for a normal traction T0 and
+traction on the surface gives c and d. The normal stress at the base is T q with, for a normal traction T0 and
 for a tangential one T1, a quarter of a wave behind,
 
-    T0 = [(n C - e S)(n c + x s) - (m s - x c)(m S + e C)] / (n^2 + kappa s^2 + x^2)
-    T1 = [(n C - e S)(m s + x c) - (n c - x s)(m S + e C)] / (n^2 + kappa s^2 + x^2)
+    T0 = n (n c + x s) / (n^2 + kappa s^2 + x^2)
+    T1 = n (m s + x c) / (n^2 + kappa s^2 + x^2)
 
-    x = xi h, c = cosh x, s = sinh x;   e = xi y, C = cosh e, S = sinh e
-    n = 2 (1 - nu), m = 1 - 2 nu, kappa = 3 - 4 nu
+    x = xi h, c = cosh x, s = sinh x;   n = 2 (1 - nu), m = 1 - 2 nu, kappa = 3 - 4 nu
 
-Limits: T0 -> 1 as xi -> 0 (the force arrives whole), T1 -> xi h; T0 -> (1 + xi z) exp(-xi z), Boussinesq's
-half-space, and T1 -> xi z exp(-xi z), Cerruti's, when the layer is much thicker than the depth.
+Limits: T0 -> 1 as xi -> 0 (the force arrives whole), T1 -> x. Without a base, with the tactels at the depth h
+of a half-space, T0 = (1 + x) exp(-x), Boussinesq's, and T1 = x exp(-x), Cerruti's.
 
 A force F spread over a circle of radius b and averaged over a tactel of radius a at distance d gives F k(d),
 
@@ -70,27 +69,22 @@ def transfer(
     *,
     thickness: float,
     poisson: float | None,
-    depth: float | None = None,
     tangential: bool = False,
 ) -> Floats:
-    """Return normal stress at a depth per surface traction, both transformed, at wave numbers xi (1/m).
+    """Return normal stress at the tactels per surface traction, both transformed, at wave numbers xi (1/m).
 
-    ``depth`` (m) is counted from the surface and is that of the base unless given. Without ``poisson``
-    there is no base: a half-space. Written in decaying exponentials, so that nothing overflows.
+    Without ``poisson`` there is no base: a half-space, with tactels at the depth ``thickness``. Written in
+    decaying exponentials, so that nothing overflows.
     """
-    xi = np.asarray(xi, np.float64)
-    depth = thickness if depth is None else depth
+    x = np.asarray(xi, np.float64) * thickness
     if poisson is None:
-        return np.asarray(np.exp(-xi * depth) * (xi * depth + (not tangential)))
+        return np.asarray(np.exp(-x) * (x + (not tangential)))
     n, m, kappa = 2.0 * (1.0 - poisson), 1.0 - 2.0 * poisson, 3.0 - 4.0 * poisson
-    x, e = xi * thickness, xi * (thickness - depth)
-    # hyperbolic functions divided by exp(x) and exp(e)
+    # hyperbolic functions divided by exp(x)
     c, s = 0.5 * (1.0 + np.exp(-2.0 * x)), -0.5 * np.expm1(-2.0 * x)
-    C, S = 0.5 * (1.0 + np.exp(-2.0 * e)), -0.5 * np.expm1(-2.0 * e)
-    P, Q = (m * s + x * c, n * c - x * s) if tangential else (n * c + x * s, m * s - x * c)
-    above = (n * C - e * S) * P - Q * (m * S + e * C)
+    above = n * (m * s + x * c if tangential else n * c + x * s)
     below = (n * n + x * x) * np.exp(-2.0 * x) + kappa * s * s
-    return np.asarray(np.exp(-xi * depth) * above / below)
+    return np.asarray(np.exp(-x) * above / below)
 
 
 def wave_numbers(longest: float, depth: float) -> tuple[Floats, Floats]:
@@ -112,7 +106,6 @@ def profile(
     *,
     thickness: float,
     poisson: float | None,
-    depth: float | None = None,
     tactel_radius: float = 0.0,
     indenter_radius: float = 0.0,
     indenter: Indenter = Indenter(),  # noqa: B008  a constant
@@ -124,9 +117,9 @@ def profile(
     ``indenter_radius``; evenly, unless it is a sphere. ``tangential``: k1, ahead of a tangential newton.
     """
     d = np.asarray(d, np.float64)
-    z = thickness if depth is None else depth
-    xi, weights = wave_numbers(max(float(d.max(initial=0.0)) + tactel_radius + indenter_radius, thickness), z)
-    weights *= transfer(xi, thickness=thickness, poisson=poisson, depth=z, tangential=tangential)
+    longest = max(float(d.max(initial=0.0)) + tactel_radius + indenter_radius, thickness)
+    xi, weights = wave_numbers(longest, thickness)
+    weights *= transfer(xi, thickness=thickness, poisson=poisson, tangential=tangential)
     weights *= disc_average(xi * tactel_radius) * indenter.round_transform(xi * indenter_radius)
     bessel = j1 if tangential else j0
     return np.asarray(bessel(np.multiply.outer(d, xi)) @ weights) / math.tau

@@ -152,11 +152,9 @@ class FrameStep:
     def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
         """Change, in place, what the nodes say; called at ``wake_ns`` even when they say nothing.
 
-        The time of a frame is when it leaves: one that is set later makes it late.
+        The time of a frame is when it leaves: one that is set later makes it late. Nodes that are deaf say
+        nothing.
         """
-
-    def silence(self, frames: list[Frame]) -> None:
-        """Take out what nodes say that are deaf."""
         if self.deaf:
             frames[:] = [frame for frame in frames if node_of(frame) not in self.deaf]
 

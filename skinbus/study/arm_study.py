@@ -49,6 +49,8 @@ INCLINATION = 0.3
 """Tangential force per normal force of an inclined push: that of a hand that leans on an arm."""
 GATE = 0.020
 """m; a contact further than this from a touch is not that touch: two tactels of the default board."""
+SEED = 16
+"""Of all draws."""
 RESAMPLES = 400
 SCATTER = (5.0, 95.0)
 """Percentiles of the bootstrap between which the error of other draws is expected."""
@@ -113,7 +115,6 @@ def measure_arm(
     arm: Arm,
     *,
     trials: int = 400,
-    seed: int = 16,
     done: Callable[[int], None] = lambda n: None,
 ) -> list[Point]:
     """Return the points of an arm: by condition, bits, fingers and level.
@@ -121,13 +122,12 @@ def measure_arm(
     Args:
         arm: what is pressed; its law is that of the condition "as it ships".
         trials: cycles of each point; the 95th percentile of 400 rests on 20 of them.
-        seed: of all draws.
         done: called with 1 after each point.
     """
     points = []
     for condition in CONDITIONS:
-        own = arm.with_law(calibrated_law(arm, seed)) if condition == CALIBRATED else arm
-        drawn = {fingers: list(_trials(own, condition, fingers, trials, seed)) for fingers in FINGERS}
+        own = arm.with_law(calibrated_law(arm)) if condition == CALIBRATED else arm
+        drawn = {fingers: list(_trials(own, condition, fingers, trials)) for fingers in FINGERS}
         for bits, fingers, level in product(BITS, FINGERS, LEVELS):
             points.append(_measure(with_bits(own, bits), condition, fingers, level, bits, drawn[fingers]))
             done(1)
@@ -146,11 +146,11 @@ def with_bits(arm: Arm, bits: int) -> Arm:
     return Arm(arm.name, arm.links, patches, *arm.buses)
 
 
-def calibrated_law(arm: Arm, seed: int) -> Law:
+def calibrated_law(arm: Arm) -> Law:
     """Return what a calibration of one of the arm's boards makes of its law."""
     placed = arm.patches[0]
     board = Arm.single_patch(placed.patch.tactels_uv, law=placed.patch.law, diameter=placed.patch.diameter)
-    feel, rng = truth_of(board, 0.0), np.random.default_rng(seed)
+    feel, rng = truth_of(board, 0.0), np.random.default_rng(SEED)
     half = np.abs(placed.patch.tactels_uv).max(axis=0) + 0.5 * placed.patch.pitch
     touches = np.column_stack([rng.uniform(-half, half, (PRESSES, 2)), rng.uniform(*FORCES, PRESSES)])
     readings = np.stack([feel(touch[None], 0, 1, 0.0) for touch in touches])
@@ -166,9 +166,9 @@ class _Trial(NamedTuple):
     pressures: Floats
 
 
-def _trials(arm: Arm, condition: str, fingers: int, n: int, seed: int) -> Iterator[_Trial]:
+def _trials(arm: Arm, condition: str, fingers: int, n: int) -> Iterator[_Trial]:
     """Draw cycles; the same for every level and for all bits."""
-    rng = np.random.default_rng([seed, fingers])
+    rng = np.random.default_rng([SEED, fingers])
     is_shipped, pitch = condition == SHIPPED, arm.patches[0].patch.pitch
     feel = truth_of(arm, INCLINATION if is_shipped else 0.0)
     gain = 1.0 + GAIN_SPREAD * rng.standard_normal(arm.n_tactels) if is_shipped else 1.0

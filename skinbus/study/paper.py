@@ -136,17 +136,15 @@ SWEEPS = {
 }
 """Of figures 7 and 8, 9 and 10, 11 and 12, and 13."""
 N_CELLS = sum(map(len, SWEEPS.values()))
+TRIALS = 400
+"""Random touches of each cell."""
 
 
-def make_all(
-    folder: Path, *, trials: int = 400, seed: int = 0, done: Callable[[int], None] = lambda n: None
-) -> None:
+def make_all(folder: Path, *, done: Callable[[int], None]) -> None:
     """Run the paper's experiments; write tables (CSV) and figures (SVG).
 
     Args:
         folder: of the files.
-        trials: random touches of each cell.
-        seed: of all draws.
         done: called with 1 after each of ``N_CELLS`` cells.
     """
     from skinbus.study.draw import COLOURS, MARKERS, new_figure, save
@@ -155,7 +153,7 @@ def make_all(
     for sweep, cases in SWEEPS.items():
         results[sweep] = []
         for case in cases:
-            results[sweep] += press(case, trials=trials, seed=seed)
+            results[sweep] += press(case, trials=TRIALS, seed=0)
             done(1)
     for number, sweep, field, unit, label in (
         (7, "density", "pitch", 1e3, "pitch of the tactels (mm)"),

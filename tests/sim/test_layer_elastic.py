@@ -16,7 +16,7 @@ H = 6e-3
 TACTEL = 9.53e-3 / 2
 
 
-def solved_transfer(xi, *, thickness, poisson, depth, tangential):
+def solved_transfer(xi, *, thickness, poisson, tangential):
     """The layer by a 4 x 4 system of its boundary conditions, from the displacements of plane strain.
 
     Papkovich-Neuber's form of them (2 mu u, 2 mu w) for exp(+-q), q = xi z from the surface down, in mpmath.
@@ -44,21 +44,20 @@ def solved_transfer(xi, *, thickness, poisson, depth, tangential):
                 out.append([value * mp.exp(sign * q) for value in column])
         return out
 
-    top, base, at = (columns(mp.mpf(xi) * mp.mpf(z)) for z in (0, thickness, depth))
+    top, base = (columns(mp.mpf(xi) * mp.mpf(z)) for z in (0, thickness))
     matrix = mp.matrix(4, 4)
     for k in range(4):
         matrix[0, k], matrix[1, k] = top[k][2], top[k][3]
         matrix[2, k], matrix[3, k] = base[k][0], base[k][1]
     c = mp.lu_solve(matrix, mp.matrix([0, -1, 0, 0] if tangential else [1, 0, 0, 0]))
-    return float(sum(c[k] * at[k][2] for k in range(4)))
+    return float(sum(c[k] * base[k][2] for k in range(4)))
 
 
 @pytest.mark.parametrize("poisson", [0.0, 0.3, 0.48, 0.4999])
-@pytest.mark.parametrize("depth", [H, 0.4 * H])
 @pytest.mark.parametrize("tangential", [False, True])
-def test_transfer_satisfies_the_boundary_conditions_solved_one_by_one(poisson, depth, tangential):
+def test_transfer_satisfies_the_boundary_conditions_solved_one_by_one(poisson, tangential):
     xi = np.array([0.01, 1.0, 50.0, 200.0, 700.0, 3000.0])
-    layer = {"thickness": H, "poisson": poisson, "depth": depth, "tangential": tangential}
+    layer = {"thickness": H, "poisson": poisson, "tangential": tangential}
     wanted = [solved_transfer(x, **layer) for x in xi]
     assert_allclose(transfer(xi, **layer), wanted, rtol=1e-9, atol=1e-15)
 
@@ -89,15 +88,11 @@ def test_table_agrees_with_an_adaptive_hankel_integral(tactel, indenter):
 
 
 @pytest.mark.parametrize("tangential", [False, True])
-def test_thick_layer_is_the_half_space_of_boussinesq_or_cerruti(tangential):
+def test_layer_without_a_base_is_the_half_space_of_boussinesq_or_cerruti(tangential):
     z, d = 5e-3, np.linspace(0.0, 40e-3, 81)
     wanted = 3.0 * z**2 * (d if tangential else z) / (2.0 * math.pi * (d**2 + z**2) ** 2.5)
-    for layer, tolerance in (
-        ({"thickness": 200 * z, "poisson": 0.3, "depth": z}, 1e-4),
-        ({"thickness": z, "poisson": None}, 1e-10),
-    ):
-        given = profile(d, tangential=tangential, **layer)
-        assert_allclose(given, wanted, atol=tolerance * wanted.max())
+    given = profile(d, tangential=tangential, thickness=z, poisson=None)
+    assert_allclose(given, wanted, atol=1e-10 * wanted.max())
 
 
 @pytest.mark.parametrize("poisson", [0.3, 0.48])

@@ -22,7 +22,6 @@ from skinbus.cli.press_csv import read_columns
 from skinbus.cli.progress import progress
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import ConfigError, EdsError
-from skinbus.file_bytes import read_bytes
 from skinbus.firmware import write_project, write_relay
 from skinbus.formatting import counted
 from skinbus.gateway.positions import lay_flat
@@ -37,7 +36,7 @@ from skinbus.master.commissioning.scan import Scanner
 from skinbus.node.context import NS_PER_MS
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import build_od, find_eds, load_eds, read_eds
-from skinbus.objects.eds_file import MAX_BYTES, decode_text
+from skinbus.objects.eds_file import text_of
 from skinbus.objects.eds_lint import lint
 from skinbus.objects.guard import liveness_pdo
 from skinbus.objects.new_board import NewBoard, module_dcf
@@ -170,7 +169,7 @@ def new(
 
 
 def _dcf_of(module: str, board: NewBoard) -> str:
-    text, _ = decode_text(read_bytes(find_eds(module), MAX_BYTES, EdsError))
+    text, _ = text_of(find_eds(module))
     return module_dcf(text, board, name=module)
 
 

@@ -6,7 +6,6 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
@@ -166,12 +165,15 @@ def boards_of(whole: Arm, judgement: Judgement, all_of_kind: bool) -> Iterator[t
     for p in range(whole.n_patches if all_of_kind else 0):
         if p not in pressed and kind_of(whole, p) == kind_of(part, 0):
             n = whole.patches[p].patch.n_tactels
-            gain, noise = (
-                np.array(whole.tactel_gain[whole.tactels_of(p)]),
-                np.full(n, np.median(learned.noise)),
+            same = replace(
+                learned,
+                gain=np.array(whole.tactel_gain[whole.tactels_of(p)]),
+                width=np.ones(n),
+                bias=np.zeros(n),
+                noise=np.full(n, np.median(learned.noise)),
+                residual_map=None,
             )
-            same: dict[str, Any] = {"gain": gain, "width": np.ones(n), "bias": np.zeros(n), "noise": noise}
-            yield p, replace(learned, **same, residual_map=None)
+            yield p, same
 
 
 def file_of(out: Path, whole: Arm, p: int) -> Path:

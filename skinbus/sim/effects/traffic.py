@@ -86,9 +86,6 @@ class _Silence(FrameStep):
             frames[:0] = [_reset(node_id, now_ns) for node_id in sorted(self.deaf)]
             self.deaf = frozenset()
 
-    def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
-        self.silence(frames)
-
 
 @settings
 class PatchSilent(TrafficEffect):
@@ -119,7 +116,7 @@ class _Off(FrameStep):
             self._back, self.deaf = sorted(self.deaf), frozenset()
 
     def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
-        self.silence(frames)
+        super().say(now_ns, t_s, frames)
         for node_id in self._back:
             code = int(EmcyCode.BUS_OFF_RECOVERED).to_bytes(2, "little")
             frames.append(Frame(EMCY_BASE + node_id, code + bytes([_REGISTER]) + bytes(5), now_ns))
@@ -163,19 +160,16 @@ class ResponseJitter(TrafficEffect):
 
 
 class _Babble(FrameStep):
-    _next_ns = NEVER
-
     def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
         effect = self.effect
         if not effect.rate_hz or t_s < effect.from_s or (effect.to_s is not None and t_s >= effect.to_s):
-            self._next_ns = self.wake_ns = NEVER
+            self.wake_ns = NEVER
             return
-        if self._next_ns == NEVER:
-            self._next_ns = now_ns
-        while self._next_ns <= now_ns:
+        if self.wake_ns == NEVER:
+            self.wake_ns = now_ns
+        while self.wake_ns <= now_ns:
             frames.append(Frame(effect.can_id, self.rng.bytes(8), now_ns))
-            self._next_ns += round(1e9 / effect.rate_hz)
-        self.wake_ns = self._next_ns
+            self.wake_ns += round(1e9 / effect.rate_hz)
 
 
 @settings
