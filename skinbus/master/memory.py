@@ -57,15 +57,13 @@ class Memory:
     def __init__(self, cycle: Cycle) -> None:
         self._arm = cycle.arm
         self._cycle = cycle
-        self._baseline = cycle.baseline
-        self._plausibility = cycle.plausibility
         self._tracker = cycle.tracker
 
     def snapshot(self) -> dict[str, Any]:
         """Return copies of all that is to be kept, soon: arrays, for :func:`as_tables`."""
         return {
-            "zeros": self._baseline.kept(),
-            "faults": self._plausibility.faults.copy(),
+            "zeros": self._cycle.baseline.kept(),
+            "faults": self._cycle.plausibility.faults.copy(),
             "tracks": self._tracker.kept(),
             "last": self._tracker.last,
         }
@@ -96,13 +94,13 @@ class Memory:
             columns = {column: np.array(kept[key], np.float64) for key, column in COLUMNS.items()}
             flags = {column: columns[column] != 0.0 for column in ("zeroed", "touched")}
             zeros = KeptZeros(**{**columns, **flags})
-            taken = self._baseline.resume(p, zeros, age_s)
+            taken = self._cycle.baseline.resume(p, zeros, age_s)
             found.n_zeros += taken
             if taken:
                 self._cycle.keep_zero(p)
             if n_stale := int(zeros.zeroed.sum()) - taken:
                 found.stale[p] = n_stale
-            self._plausibility.resume(p, np.array(kept["faults"], np.int64))
+            self._cycle.plausibility.resume(p, np.array(kept["faults"], np.int64))
         self._tracker.last = max(tables["last_identity"], self._tracker.last[0]), tables["last_id"]
         own = {name: p for p, name in enumerate(names) if name not in found.strangers}
         for row in tables["contacts"] if age_s <= CONTACT_S else ():

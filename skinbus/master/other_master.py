@@ -42,8 +42,8 @@ class OtherMaster:
         if any(receives(_SYNC, frame) for frame in frames):
             is_new, self.is_present, self.last_ns = not self.is_present, True, now_ns
             detail = "SYNC of another master; stop one of the two"
-            news = Event(t_ns=now_ns, kind=EventKind.OTHER_MASTER, detail=detail, cob_id=cia.SYNC_ID)
-            return [news] if is_new else []
+            kind = EventKind.OTHER_MASTER
+            return [Event(t_ns=now_ns, kind=kind, detail=detail, cob_id=cia.SYNC_ID)] * is_new
         if self.is_present and now_ns - self.last_ns > GONE_NS:
             self.is_present = False
             return [Event(t_ns=now_ns, kind=EventKind.OTHER_MASTER_END, cob_id=cia.SYNC_ID)]

@@ -272,12 +272,11 @@ class Device(Core):
         self._enter(NmtState.INITIALISING)
         if self._lss is not None:
             self._lss.reset()
-        node_id = self._context.node_id
         for entry in self.layout.entries.values():  # what is not written over the bus is the device's own
             communication = entry.index < FIRST_APPLICATION_OBJECT
             ours = entry.writable or (communication and entry.relative)
             if ours and (communication or application):
-                self.values.store(entry, self.values.default(entry, node_id))
+                self.values.store(entry, self.values.default(entry, self.node_id))
         self._boot(application=application)
 
     def _boot(self, *, application: bool = True) -> None:

@@ -91,7 +91,7 @@ class PatchHost(Core):
             if has(od := device.layout.od, SAMPLE_AGE)
         }
         """Where the TPDOs of each patch find the age of its sample."""
-        self._age = self._since_ns = np.zeros(len(devices), np.int64)
+        self._since_ns = np.zeros(len(devices), np.int64)
         self._cleared = [0] * len(devices)
         """Bits of "Healthy tactels" that were set and are not now."""
         for i, device in enumerate(devices):
@@ -187,10 +187,8 @@ class PatchHost(Core):
         self._shown = sample
         self._since_ns = now_ns - sample.t_ns
         age = np.clip(self._since_ns // AGE_STEP_NS, 0, 0xFFFF)
-        for i in np.flatnonzero(age != self._age).tolist():
-            if i in self._ages:
-                self._ages[i][0] = age[i]
-        self._age = age
+        for i, view in self._ages.items():
+            view[0] = age[i]
         if shown and sample.counts is shown.counts and sample.healthy is shown.healthy:
             return []
         if not shown or sample.healthy is not shown.healthy:

@@ -43,9 +43,8 @@ class RpdoService(Part):
         """``in_window``: whether synchronous RPDOs are taken now (0x1007)."""
         super().__init__(context)
         self.in_window = in_window
-        self.pdos: dict[int, Rpdo] = {}
-        for number in pdo_numbers(self.dictionary.layout.od, Direction.RPDO):
-            self.pdos[number] = Rpdo(context, number, partial(self._changed, number))
+        numbers = pdo_numbers(self.dictionary.layout.od, Direction.RPDO)
+        self.pdos = {number: Rpdo(context, number, partial(self._changed, number)) for number in numbers}
 
     def configure(self) -> None:
         """Compile all PDOs from the values, as after a reset."""

@@ -58,7 +58,6 @@ class TpdoService(Part):
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
-        self.pdos: dict[int, Tpdo] = {}
         self.on_change: Callable[[], None] = lambda: None
         """Called when a PDO was reconfigured."""
         self.on_sent: Callable[[Tpdo], None] = lambda pdo: None
@@ -72,8 +71,8 @@ class TpdoService(Part):
         self._is_withheld = False
         od = self.dictionary.layout.od
         self._status = index_of(od, SAMPLE_STATUS) if has(od, SAMPLE_STATUS) else None
-        for number in pdo_numbers(od, Direction.TPDO):
-            self.pdos[number] = Tpdo(context, number, partial(self._changed, number))
+        numbers = pdo_numbers(od, Direction.TPDO)
+        self.pdos = {number: Tpdo(context, number, partial(self._changed, number)) for number in numbers}
 
     def configure(self) -> None:
         """Compile all PDOs from the values, as after a reset."""

@@ -24,16 +24,11 @@ class VerifyService(Part):
     def __init__(self, context: Context) -> None:
         super().__init__(context)
         dictionary = self.dictionary
-        entries = dictionary.layout.entries
         self._subs = dictionary.layout.subs(VERIFY_CONFIGURATION)
-        self._verified = [
-            entries[key]
-            for key in sorted(entries)
-            if is_verified(entries[key].index) and is_parameter(entries[key])
-        ]
-        if self._subs:
-            dictionary.on_stored = self._stored
-        for entry in entries.values():
+        entries = [entry for _, entry in sorted(dictionary.layout.entries.items())]
+        self._verified = [entry for entry in entries if is_verified(entry.index) and is_parameter(entry)]
+        dictionary.on_stored = self._stored
+        for entry in entries:
             if entry.variable.name == COMMUNICATION_CHECKSUM:
                 dictionary.readers[entry.index] = self._checksum
 
