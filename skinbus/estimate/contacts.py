@@ -89,7 +89,7 @@ class Contacts:
     covariance: Floats
 
     @classmethod
-    def from_workspace(cls, work: Work, t_ns: int, unit: float = 1.0) -> Self:
+    def from_workspace(cls, work: Work, t_ns: int, unit: float) -> Self:
         """Return copies of the columns that the last cycle left in a workspace; ``unit`` is its length, m."""
         rows = work.alive[: work.n_contacts[0]].nonzero()[0]
         s, a, log_force, size = work.place.take(rows, 0).T.copy()

@@ -11,7 +11,7 @@ from skinbus.estimate.budget import MONOTONIC, Clock, begin, set_budget
 from skinbus.estimate.contacts import DEFAULT_LEVEL, LEVELS, Contacts
 from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.kernels.board_offset import subtract_offsets
-from skinbus.estimate.kernels.layout import Layout, compile_layout, length_unit, pitch_of
+from skinbus.estimate.kernels.layout import Layout, compile_layout, length_unit
 from skinbus.estimate.kernels.workspace import (
     FREE,
     HELD,
@@ -90,7 +90,8 @@ class Estimator:
         self._layout = layout._replace(sigma=_read_only(self._sigma), limit=_read_only(self._limit))
         self._work = make_workspace(self._layout)
         self._search = make_search(self._layout)
-        self._search.pitch[0] = pitch_of(arm)
+        pitches = [placed.patch.pitch * placed.scale for placed in arm.patches]
+        self._search.pitch[0] = np.median(pitches) / self._unit
         self._tables = array_table(self._layout), array_table(self._work), array_table(self._search)
         self._work.options[:] = (
             0 if k is None else min(k, PATCH_CLUSTERS),

@@ -276,10 +276,7 @@ class Tracker:
         """Carry the tracks that were not lifted on to a cycle; return the step, s."""
         dt_ns = 0 if self._last_ns is None else t_ns - self._last_ns
         self._last_ns, dt = t_ns, 1e-9 * max(dt_ns, 0)
-        is_over = self._tracks["state"] == LIFT
-        if is_over.any():
-            self._tracks = self._tracks[~is_over]
-        w = self._tracks
+        self._tracks = w = self._tracks[self._tracks["state"] != LIFT]
         if dt_ns < 0:  # the clock was set back: everything that was remembered goes with it
             w["born_ns"] += dt_ns
             w["seen_ns"] += dt_ns

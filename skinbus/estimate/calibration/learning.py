@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import CubicHermiteSpline, PPoly
 from scipy.sparse import csr_array
 
 from skinbus.arrays import Bools, Floats
@@ -280,11 +280,9 @@ class _Fit:
         """Logarithms of gain and width, offset (Pa)."""
         self.presses = _Unknowns(press, len(s), (place_sd or 1.0, place_sd or 1.0, FORCE_SD))
         """What they are off by along s and a (m), and in the logarithm of the force."""
-        self.noise, self.misfit, self._misfit_profile = self._floor, 0.0, np.zeros(BINS)
+        self._misfit_profile, self._weight = np.zeros(BINS), float(WEIGHTS[0])
         self.variance = np.full(len(self._p), (FIRST * peak) ** 2)
         self.outlier = np.zeros(len(s), np.bool_)
-        self._by_law, self._weight, self._trust = 0.0 * self._p, float(WEIGHTS[0]), self._p
-        self._covariance = np.zeros_like(_ROUGHNESS)
         self._predict()
 
     @property
@@ -306,10 +304,10 @@ class _Fit:
         self.amplitude = np.exp(gain + self.exponent * self._log_force + off_force)
         """Gain of the tactel times effective force."""
         at = self.d / np.exp(width)
-        self._basis = _basis_at(at)
+        self._basis = _matrix(_PROFILES, at)
         self.pressed = self.amplitude * (self._basis @ self.table)
         self.prediction = self.pressed + self._offset
-        slope = _slopes_at(at) @ self.table
+        slope = _matrix(_SLOPES, at) @ self.table
         self._by_distance = self.amplitude * slope / (STEP * np.exp(width))
 
     def improve(self, *, choose: bool, move: bool) -> None:
@@ -425,10 +423,12 @@ class _Fit:
             raise ValueError("the readings do not rise towards the presses: are the places right?")
         last = int(np.flatnonzero(np.abs(self.table) > TRIM * self.table[0]).max())
         at = np.linspace(0.0, min(max(STEP * (last + 2), MAP_REACH * has_map), REACH), POINTS)
-        basis = _basis_at(at)
+        basis = _matrix(_PROFILES, at)
         unknown = np.einsum("ri,ij,rj->r", basis, self._covariance[:-1, :-1], basis)
         gain, width, _ = self.tactels.variance
-        unknown += gain * (basis @ self.table) ** 2 + width * (at / STEP * (_slopes_at(at) @ self.table)) ** 2
+        unknown += (
+            gain * (basis @ self.table) ** 2 + width * (at / STEP * (_matrix(_SLOPES, at) @ self.table)) ** 2
+        )
         return Radial(
             float(at[1]),
             (basis @ self.table) * (at < at[-1]) * to_newtons,
@@ -439,22 +439,20 @@ class _Fit:
         )
 
 
-def _basis_at(d: Floats) -> Floats:
-    """Return the matrix (n, POINTS - 1) from a table to the profile at distances, as in ``Radial.profile``.
+def _matrix(of: PPoly, d: Floats) -> Floats:
+    """Return the matrix (n, POINTS - 1) from a table to profile or slope at distances.
 
-    The last point of the table is 0, as is all beyond it. Cubic Hermite polynomials; slopes are central
-    differences, 0 at d = 0, one-sided at the end.
+    Profiles are those of ``Radial.profile``, slopes theirs times the step of the table. The last point of the
+    table is 0, as is all beyond it.
     """
-    return np.nan_to_num(_UNIT_PROFILES(d / STEP))[:, :-1]
-
-
-def _slopes_at(d: Floats) -> Floats:
-    """Return the same for the slope of the profile, times the step of the table."""
-    return np.nan_to_num(_UNIT_SLOPES(d / STEP))[:, :-1]
+    return np.nan_to_num(of(d / STEP))[:, :-1]
 
 
 def _unit_profiles() -> CubicHermiteSpline:
-    """Return the profiles of tables that are 1 at one point and 0 elsewhere, over d / step."""
+    """Return the profiles of tables that are 1 at one point and 0 elsewhere, over d / step.
+
+    Cubic Hermite polynomials; slopes are central differences, 0 at d = 0, one-sided at the end.
+    """
     slopes: Any = np.gradient(np.eye(POINTS), axis=0)
     slopes[0] = 0.0
     return CubicHermiteSpline(np.arange(POINTS), np.eye(POINTS), slopes, extrapolate=False)
@@ -471,6 +469,6 @@ def _roughness() -> Floats:
     return np.asarray(differences.T @ differences)
 
 
-_UNIT_PROFILES = _unit_profiles()
-_UNIT_SLOPES = _UNIT_PROFILES.derivative()
+_PROFILES = _unit_profiles()
+_SLOPES = _PROFILES.derivative()
 _ROUGHNESS = _roughness()

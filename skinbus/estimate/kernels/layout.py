@@ -167,11 +167,6 @@ def length_unit(arm: Arm) -> float:
     return float(4.0 ** round(math.log(size / USUAL_BOARD, 4.0)))
 
 
-def pitch_of(arm: Arm) -> float:
-    """Return the median pitch of the boards on their links, in the length unit of the arm."""
-    return float(np.median([placed.patch.pitch * placed.scale for placed in arm.patches])) / length_unit(arm)
-
-
 def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, Ints]:
     """Return the columns of the distinct laws, and the index of each patch's law among them."""
     keys = [_key(patch) for patch in patches]

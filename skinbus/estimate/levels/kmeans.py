@@ -116,9 +116,7 @@ def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
         i = order[o]
         if w.active[i] and (parent[i] == i or k == 0):
             k = keep(w, i, k)
-    if k_wanted > 0:
-        k = min(k, k_wanted)
-    return k
+    return min(k, k_wanted) if k_wanted > 0 else k
 
 
 @inner_kernel

@@ -105,7 +105,7 @@ def describe(lay: Layout, w: Work, root: int, place: Floats) -> tuple[int, int, 
 
     Returns the number of tactels, the tactel of the largest pressure and sum (p/sigma)^2.
     """
-    p, member, tactel_s, tactel_a, tactel_law, sigma = w.p, w.member, lay.s, lay.a, lay.law, lay.sigma
+    p, member, tactel_s, tactel_a = w.p, w.member, lay.s, lay.a
     peak = w.cluster_peak[root]
     link = lay.patch_link[lay.patch[peak]]
     surface = surface_of(lay.link, link)
@@ -119,21 +119,21 @@ def describe(lay: Layout, w: Work, root: int, place: Floats) -> tuple[int, int, 
         mass += p[i]
         x += p[i] * (xi - s0)
         y += p[i] * yi
-        z = p[i] / sigma[i]
+        z = p[i] / lay.sigma[i]
         evidence += z * z
         n, i = n + 1, w.next_of[i]
     place[0], place[1] = undevelop(surface, s0 + x / mass, y / mass, a0)
     keep_on_board(lay, link, member, n, place)
 
     # the amplitude by the sum over the tactels that share the law of the strongest (eq. 10)
-    law = tactel_law[peak]
+    law = lay.law[peak]
     laws, tables = lay.law_par, lay.law_table
     size = laws[law, OWN_SIZE]
     foot = SPILL * pressure(laws, tables, law, 1.0, 0.0, size)[2]  # below it the law errs by its own value
     top, bottom, floor = 0.0, 0.0, 0.0
     for t in range(n):
         i = member[t]
-        if tactel_law[i] == law:
+        if lay.law[i] == law:
             d = distance(surface, place[0], place[1], tactel_s[i], tactel_a[i])
             unit, _, g, _ = pressure(laws, tables, law, 1.0, d, size)  # p = A g + h
             top += p[i] - (unit - g)

@@ -211,7 +211,7 @@ def describe(lay: Layout, w: Work, q: Search, h: int) -> None:
             n += 1
     q.h_chi2[h, 0], q.h_chi2[h, 1] = chi2, n
     if is_bound:  # which says nothing of how far beyond
-        write_equations(lay, w, q, q.theta, k)
+        write_equations(lay, w, q, k)
         factorise(q, dof * k, 0.0)
     invert(q, dof * k)
     for c in range(k):

@@ -69,15 +69,10 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
     for c in range(w.n_contacts[0]):
         if w.alive[c] and w.level[c] == 0:  # no time was left for its group
             w.quality[c] |= OVER_BUDGET
-            write_unfitted(w, q, c)
-
-
-@inner_kernel
-def write_unfitted(w: Work, q: Search, c: int) -> None:
-    """Write the covariance of a contact of the clusters: a pitch and all of its force are not certain."""
-    w.covariance[c] = 0.0
-    w.covariance[c, 0, 0] = w.covariance[c, 1, 1] = q.pitch[0] ** 2
-    w.covariance[c, 2, 2] = math.exp(2.0 * w.place[c, 2])
+            # a pitch and all of its force are not certain
+            w.covariance[c] = 0.0
+            w.covariance[c, 0, 0] = w.covariance[c, 1, 1] = q.pitch[0] ** 2
+            w.covariance[c, 2, 2] = math.exp(2.0 * w.place[c, 2])
 
 
 @inner_kernel

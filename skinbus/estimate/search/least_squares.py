@@ -65,8 +65,8 @@ def evaluate(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) 
 
 
 @inner_kernel
-def write_equations(lay: Layout, w: Work, q: Search, theta: Floats, k: int) -> None:
-    """Write normal matrix and gradient of the contacts evaluated last, priors included.
+def write_equations(lay: Layout, w: Work, q: Search, k: int) -> None:
+    """Write normal matrix and gradient of the first k contacts of ``theta``, evaluated last, with priors.
 
     The uncertainty of a place is bounded by the core, or a pitch, if that is less than ``BOARD``. The
     gradient has no such part, for the prior is uniform.
@@ -74,19 +74,18 @@ def write_equations(lay: Layout, w: Work, q: Search, theta: Floats, k: int) -> N
     write_normal(lay, w, q, k)
     dof, normal, gradient, law = q.dof[0], q.normal, q.gradient, lay.law[q.listed[0]]
     for c in range(k):
+        theta = q.theta[c]
         u, sd = dof * c, q.force_prior[1]
-        away = min(
-            BOARD, max(q.pitch[0], core(lay.law_par, law, amplitude(lay.law_par, law, theta[c, 2])[0]))
-        )
+        away = min(BOARD, max(q.pitch[0], core(lay.law_par, law, amplitude(lay.law_par, law, theta[2])[0])))
         normal[u, u] += 1.0 / (away * away)
         normal[u + 1, u + 1] += 1.0 / (away * away)
         normal[u + 2, u + 2] += 1.0 / (sd * sd)
-        gradient[u + 2] -= (theta[c, 2] - q.force_prior[0]) / (sd * sd)
+        gradient[u + 2] -= (theta[2] - q.force_prior[0]) / (sd * sd)
         if dof == 4:
             kind = q.kind[c]
             sd = q.kind_sd[kind]
             normal[u + 3, u + 3] += 1.0 / (sd * sd)
-            gradient[u + 3] -= (theta[c, 3] - q.kind_mean[kind]) / (sd * sd)
+            gradient[u + 3] -= (theta[3] - q.kind_mean[kind]) / (sd * sd)
 
 
 @inner_kernel
@@ -151,7 +150,7 @@ def invert(q: Search, m: int) -> None:
 def linearise(lay: Layout, w: Work, q: Search, link: int, k: int) -> float:
     """Return the objective of the first k contacts of ``theta``; write Jacobian and normal equations."""
     value = evaluate(lay, w, q, link, q.theta, k)
-    write_equations(lay, w, q, q.theta, k)
+    write_equations(lay, w, q, k)
     return value
 
 
@@ -205,7 +204,7 @@ def fit(lay: Layout, w: Work, q: Search, link: int, k: int, enough: float, bar: 
         if not is_stale:
             value = new
             copy_contacts(trial, theta, k)
-            write_equations(lay, w, q, theta, k)
+            write_equations(lay, w, q, k)
     if is_stale:
         linearise(lay, w, q, link, k)
     return value, status
