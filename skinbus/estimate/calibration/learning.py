@@ -174,7 +174,7 @@ def learn_radial_law(
     forces = np.broadcast_to(np.asarray(1.0 if force is None else force, np.float64), n)
     if not (np.isfinite(forces) & (forces > 0.0)).all():
         raise ValueError("forces must be finite and positive")
-    fit = _Fit(arm, np.broadcast_to(np.asarray(link), n), s, a, forces, table, place_sd)
+    fit = _Fit(arm, np.broadcast_to(link, n), s, a, forces, table, place_sd)
     converged = False
     for k in range(MAX_ROUNDS):
         before = fit.prediction

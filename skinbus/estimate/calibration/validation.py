@@ -113,9 +113,7 @@ def errors_of(table: PressTable, arm: Arm) -> HeldOutErrors:
     """Return the errors of an arm that holds some response."""
     gain = arm.tactel_gain / table.arm.tactel_gain
     s, a, force, sd, _ = strongest(arm, table.pressures * gain).T
-    uv = table.uv(np.nan_to_num(s), np.nan_to_num(a)) - table.uv()
-    uv[np.isnan(s)] = np.nan
-    return HeldOutErrors(inside=_inside(table), uv=uv, sd=sd, force=force)
+    return HeldOutErrors(inside=_inside(table), uv=table.uv(s, a) - table.uv(), sd=sd, force=force)
 
 
 def _inside(table: PressTable) -> Bools:

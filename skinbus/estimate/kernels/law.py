@@ -122,7 +122,7 @@ def misfit_at(laws: Floats, tables: Floats, law: int, d: float) -> float:
 @inner_kernel
 def residual_at(lay: Layout, i: int, ds: float, da: float) -> tuple[float, float, float]:
     """Return what tactel i reads beside its law (1/m^2) under a contact at (ds, da) from it, and slopes."""
-    row, patch, values = lay.map_of[i], lay.patch[i], lay.map_value
+    row, patch = lay.map_of[i], lay.patch[i]
     step, points = lay.map_step[row], lay.map_value.shape[1]
     cos, sin = lay.board[patch, 0], lay.board[patch, 1]
     half = 0.5 * (points - 1)
@@ -136,7 +136,7 @@ def residual_at(lay: Layout, i: int, ds: float, da: float) -> tuple[float, float
         by_u, slope_u = catmull_rom(u - k)
         for m in range(q - 1, q + 3):
             by_v, slope_v = catmull_rom(v - m)
-            value = values[row, k, m]
+            value = lay.map_value[row, k, m]
             r += by_u * by_v * value
             r_u += slope_u * by_v * value
             r_v += by_u * slope_v * value

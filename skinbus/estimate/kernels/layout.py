@@ -235,8 +235,7 @@ def _key(patch: Patch) -> tuple[object, ...]:
 def _maps(patches: list[Patch], unit: float) -> tuple[Ints, Floats, Floats]:
     """Return the row of each tactel's map of residuals, the maps brought to one size, and their steps."""
     points = max([3, *(p.residual_map.values.shape[1] for p in patches if p.residual_map is not None)])
-    row_of, values, steps = [], [np.zeros((1, points, points))], [np.ones(1)]
-    n_maps = 1  # one of zeros, so that there is an array
+    row_of, values, steps = [], [np.zeros((1, points, points))], [1.0]  # of zeros, so that there is an array
     for p in patches:
         own = p.residual_map
         if own is None:
@@ -244,10 +243,9 @@ def _maps(patches: list[Patch], unit: float) -> tuple[Ints, Floats, Floats]:
             continue
         margin = (points - own.values.shape[1]) // 2
         values.append(np.pad(own.values, ((0, 0), (margin, margin), (margin, margin))))
-        steps.append(np.full(p.n_tactels, own.step / unit))
-        row_of.append(n_maps + np.arange(p.n_tactels))
-        n_maps += p.n_tactels
-    return np.concatenate(row_of).astype(np.int64), np.concatenate(values), np.concatenate(steps)
+        row_of.append(len(steps) + np.arange(p.n_tactels))
+        steps += [own.step / unit] * p.n_tactels
+    return np.concatenate(row_of).astype(np.int64), np.concatenate(values), np.array(steps)
 
 
 def _frozen(column: npt.NDArray[Any]) -> npt.NDArray[Any]:

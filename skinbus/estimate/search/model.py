@@ -52,13 +52,7 @@ def press(lay: Layout, q: Search, link: int, theta: Floats, c: int, to: Floats, 
 
     If ``column`` is 0 or more it is the contact's number in the Jacobian, which is written, with ``felt_by``.
     """
-    surface, laws, tables, jac, dof = (
-        surface_of(lay.link, link),
-        lay.law_par,
-        lay.law_table,
-        q.jacobian,
-        q.dof[0],
-    )
+    surface, laws, jac, dof = surface_of(lay.link, link), lay.law_par, q.jacobian, q.dof[0]
     s, a, log_force, size = theta[c, 0], theta[c, 1], theta[c, 2], theta[c, 3]
     is_bent, is_mapped = len(lay.bend) > 0, len(lay.map_step) > 1
     first, last, amp, damp, far = column * dof, -1, 0.0, 0.0, 0.0
@@ -76,7 +70,7 @@ def press(lay: Layout, q: Search, link: int, theta: Floats, c: int, to: Floats, 
         if d2 * own * own >= far * far:
             continue
         d = math.sqrt(d2)
-        p, p_d, p_amp, by_size = pressure(laws, tables, law, amp, d * own, size)
+        p, p_d, p_amp, by_size = pressure(laws, lay.law_table, law, amp, d * own, size)
         slope = own * p_d / d if d > 0.0 else 0.0
         p_s, p_a = slope * x + p_d * d * own_s, slope * y + p_d * d * own_a
         if is_mapped and lay.map_of[i] >= 0:

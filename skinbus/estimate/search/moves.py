@@ -172,7 +172,7 @@ def propose_more(lay: Layout, q: Search, link: int, h: int) -> None:
 
     With ten contacts, or one per ``PER_CONTACT`` tactels, a new one replaces that of the least certain force.
     """
-    surface, pitch, theta, last, gone = surface_of(lay.link, link), q.pitch[0], q.theta, -1, -1
+    surface, theta, last, gone = surface_of(lay.link, link), q.theta, -1, -1
     for c in range(q.h_count[h] if q.h_count[h] >= min(GROUP, q.n_listed[0] // PER_CONTACT) else 0):
         if gone < 0 or q.h_covariance[h, c, 2, 2] >= q.h_covariance[h, gone, 2, 2]:
             gone = c
@@ -200,7 +200,7 @@ def propose_more(lay: Layout, q: Search, link: int, h: int) -> None:
             continue
         angle, half = 0.5 * math.atan2(2.0 * xy, xx - yy), theta[c, 2] - math.log(2.0)
         for turn in range(4):  # along it and, since neighbours pull too, across
-            part = SPLITS[turn % 2] * pitch
+            part = SPLITS[turn % 2] * q.pitch[0]
             x, y = part * math.cos(angle), part * math.sin(angle)
             angle += 0.5 * math.pi if turn == 1 else 0.0
             propose(q, c, gone)
