@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import fields
 from functools import cache
 from typing import Any, TypeVar
@@ -24,15 +23,11 @@ def read(cls: type[T], table: Any, key: str, faults: list[Fault]) -> T | None:
         value: T = adapter.validate_json(json.dumps(table, default=str))
         return value
     except ValidationError as error:
-        faults.extend(faults_of(error.errors(include_url=False), key, known(cls)))
+        known = [field.name for field in fields(cls)]  # type: ignore[arg-type]  # it is a dataclass
+        faults.extend(faults_of(error.errors(include_url=False), key, known))
         return None
 
 
 @cache
 def _adapter(cls: Any) -> TypeAdapter[Any]:
     return TypeAdapter(cls)
-
-
-def known(cls: type[Any]) -> Sequence[str]:
-    """Return the names of the parameters of a class."""
-    return [field.name for field in fields(cls)]

@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from skinbus.config.wording import nearest
-from skinbus.errors import ConfigError, Fault, MissingFileError
+from skinbus.errors import ConfigError, MissingFileError
 from skinbus.file_bytes import read_bytes
 
 MAX_BYTES = 1 << 19
@@ -45,19 +44,16 @@ def find_toml(name_or_path: str | Path, folder: Path, what: str) -> Path:
         path = shipped
     if os.path.isfile(path):  # False, not an OSError, for a name longer than any
         return path
-    known = names_in(folder)
-    wanted = (
-        f"a file that can be read, or one of {', '.join(known)}{nearest(path.stem, known) if is_name else ''}"
-    )
-    is_folder = os.path.isdir(path)
-    if is_folder:
-        wanted = "a file, not a folder"
-    raise (ConfigError if is_folder else MissingFileError)(
-        str(name_or_path), [Fault(what, str(name_or_path), wanted)]
+    name, known = str(name_or_path), names_in(folder)
+    if os.path.isdir(path):
+        raise ConfigError.of(name, what, name, "a file, not a folder")
+    hint = nearest(path.stem, known) if is_name else ""
+    raise MissingFileError.of(
+        name, what, name, f"a file that can be read, or one of {', '.join(known)}{hint}"
     )
 
 
-def names_in(folder: Path) -> Sequence[str]:
+def names_in(folder: Path) -> list[str]:
     """Return the names of the TOML files of a folder, in order."""
     return sorted(path.stem for path in folder.glob("*.toml"))
 

@@ -76,7 +76,7 @@ def nearest(word: str, known: Sequence[str]) -> str:
 
 
 def header_faults(
-    names: Sequence[str], choices: Sequence[Sequence[str]], optional: Sequence[str] = ()
+    names: Sequence[str], choices: Sequence[Sequence[str]], optional: Sequence[str]
 ) -> FaultList:
     """Return what is wrong in the header of a table: needed columns that are not there, and misspelt ones.
 

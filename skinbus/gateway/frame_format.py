@@ -220,7 +220,7 @@ class Part:
 
 def format_names() -> list[str]:
     """Return the names of the formats that travel with the package."""
-    return list(names_in(FORMATS))
+    return names_in(FORMATS)
 
 
 def load_format(name_or_path: str | Path) -> FrameFormat:

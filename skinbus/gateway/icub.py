@@ -164,9 +164,7 @@ def _fit(kind: str, points: Floats, x: Floats, z: Floats, through: Floats, radiu
     return Fit(surface, X_LS, np.column_stack([s, a]), over)
 
 
-def import_skin(
-    skin: Positions, *, first_board: int = 1, mesh: str | None = None
-) -> tuple[dict[str, str], Fit]:
+def import_skin(skin: Positions, *, first_board: int, mesh: str | None) -> tuple[dict[str, str], Fit]:
     """Return the text of an arm file and of the EDS files beside it, by name, and the surface of the link.
 
     Args:

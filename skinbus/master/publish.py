@@ -74,7 +74,7 @@ class _Node:
             places = (profile.index_of(od, name) for name in names)
             return [device.image_view(index, sub or 1, n) for index, sub in places]
 
-        first = od[profile.contact(1)].index
+        first = od[profile.CONTACT].index
         self.records = device.values.rows(first, profile.MAX_CONTACTS)
         self.cycle = device.values.rows(profile.index_of(od, profile.CYCLES)[0], 1)
         self.load = device.values.rows(profile.index_of(od, profile.LOAD)[0], 1)

@@ -84,7 +84,7 @@ class _Objects:
 
     def __init__(self, device: Device, n_joints: int) -> None:
         od = load_eds("skin-master", device.node_id)
-        self._records = device.values.rows(od[profile.contact(1)].index, profile.MAX_CONTACTS)
+        self._records = device.values.rows(od[profile.CONTACT].index, profile.MAX_CONTACTS)
         names = self._records.dtype.names or ()
         self._names = names[names.index(FIRST) : names.index(LAST) + 1]
 

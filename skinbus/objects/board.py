@@ -168,9 +168,7 @@ class _Reader:
     def __init__(self, od: ObjectDictionary) -> None:
         self.od = od
         self.faults = FaultList()
-
-    def fault(self, name: str, seen: Any, wanted: str) -> None:
-        self.faults.add(name, seen, wanted)
+        self.fault = self.faults.add
 
     def whole(self, name: str, low: int, high: int) -> int:
         value = self._value(name)

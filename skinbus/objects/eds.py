@@ -14,7 +14,7 @@ from pathlib import Path
 
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
 
-from skinbus.errors import EdsError, Fault
+from skinbus.errors import EdsError
 from skinbus.objects import cia
 from skinbus.objects.eds_file import RECORD, EdsFile, Entry, Variable, read_file
 from skinbus.objects.eds_lint import lint
@@ -47,8 +47,8 @@ def load_eds(
     path = find_eds(name_or_path)
     template: _Template = pickle.loads(_compile(path, path.stat().st_mtime_ns, settings, serial))
     if template.commissioned not in (0, node_id):
-        fault = Fault("[DeviceComissioning] NodeID", template.commissioned, f"{node_id}, the node it is for")
-        raise EdsError(str(path), [fault])
+        key, wanted = "[DeviceComissioning] NodeID", f"{node_id}, the node it is for"
+        raise EdsError.of(path, key, template.commissioned, wanted)
     return template.at(node_id)
 
 
@@ -69,7 +69,7 @@ def find_eds(name_or_path: str | Path) -> Path:
     if not os.path.isfile(path):
         known = ", ".join(eds_names())
         wanted = f"an EDS or DCF file that can be read, or one of {known}"
-        raise EdsError(str(name_or_path), [Fault("EDS", None, wanted)])
+        raise EdsError.of(name_or_path, "EDS", None, wanted)
     return path.resolve()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 
 
 class EdsText:
@@ -37,11 +36,10 @@ class EdsText:
         numbered = [line for line in self.sections[section.lower()] if line[:1].isdigit()]
         self.put(section, "NrOfEntries", len(numbered))
 
-    def list_objects(self, section: str, indices: Iterable[str]) -> None:
+    def list_objects(self, section: str, indices: list[str]) -> None:
         """Make a section list these objects."""
-        listed = list(indices)
-        lines = [f"[{section}]", f"SupportedObjects={len(listed)}"]
-        self.sections[section.lower()] = [*lines, *(f"{k}=0x{i}" for k, i in enumerate(listed, 1)), ""]
+        lines = [f"[{section}]", f"SupportedObjects={len(indices)}"]
+        self.sections[section.lower()] = [*lines, *(f"{k}=0x{i}" for k, i in enumerate(indices, 1)), ""]
 
     def text(self) -> str:
         """Return the text."""

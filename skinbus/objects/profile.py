@@ -113,13 +113,11 @@ MAX_JOINTS = 16
 MAX_CONTACTS = 16
 """Contact records, and TPDOs for them, of the master."""
 
+CONTACT = "Contact 1"
+"""The first of them."""
+
 CONTACT_MEMBERS = ("Id", "Link and state", "s 0.1mm", "a 0.1mm", "Force 0.01N")
 """Members of a contact record that its TPDO carries, in the order of their sub-indices."""
-
-
-def contact(number: int, member: str = "") -> str:
-    """Return the name of contact record ``number`` (from 1), or of one member of it."""
-    return f"Contact {number}/{member}" if member else f"Contact {number}"
 
 
 def find(od: ObjectDictionary, name: str) -> ODVariable | ODArray | ODRecord | None:

@@ -55,21 +55,20 @@ class Sampler:
         self.pressures = np.zeros(arm.n_tactels)
         self.counts: Ints32 = np.zeros(arm.n_tactels, np.int32)
 
-    def sample(self, t_s: float) -> bool:
-        """Take a sample at a scene time into ``counts``; False when nothing can have changed."""
+    def sample(self, t_s: float) -> None:
+        """Take a sample at a scene time into ``counts``, if anything can have changed."""
         really_s = t_s
         for shift in self._steps[Stage.TIME]:
             really_s = shift(really_s)
         pressed = self._press(really_s)
         if not (pressed or self._changes):
-            return False
+            return
         signal = self.pressures
         for step in (*self._steps[Stage.LAYER], *self._steps[Stage.TACTEL]):
             signal = step(signal, t_s)
         self.counts = self._converted(signal)
         for step in self._steps[Stage.COUNTS]:
             self.counts = step(self.counts, t_s)
-        return True
 
     def _press(self, t_s: float) -> bool:
         """Bring the layer to a time; False when it was and is at rest."""

@@ -44,7 +44,7 @@ class SceneTable:
 
 def scene_names() -> list[str]:
     """Return the names of the scenes that travel with the package."""
-    return list(names_in(SCENES))
+    return names_in(SCENES)
 
 
 def load_scene(name_or_path: str | Path, *, arm: Arm | None = None) -> Scene:

@@ -6,13 +6,13 @@ import pytest
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.objects.contacts import ContactState
 from skinbus.objects.eds import load_eds
-from skinbus.objects.profile import contact, look_up_array
+from skinbus.objects.profile import CONTACT, look_up_array
 from tests.master.rig import MS, Rig
 from tests.robot.two_joints import write
 
 pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
 
-CONTACT_MEMBERS = [v.name for v in look_up_array(load_eds("skin-master", 127), contact(1))]
+CONTACT_MEMBERS = [v.name for v in look_up_array(load_eds("skin-master", 127), CONTACT)]
 
 
 class Robot(Core):
