@@ -119,7 +119,9 @@ def write_presses(path: Path, arm: Arm, presses: Sequence[Press]) -> None:
         for press in presses:
             placed, gain = arm.patches[press.patch], arm.tactel_gain[arm.tactels_of(press.patch)]
             read = np.full((2, most), np.nan)
-            read[:, : len(gain)] = np.array([press.readings, press.noise], float) / gain
+            read[0, : len(gain)] = press.readings / gain
+            if press.noise is not None:
+                read[1, : len(gain)] = press.noise / gain
             numbers = placed.node_id, 1e3 * press.s, 1e3 * press.a, press.force, *read.ravel()
             cells = ("" if math.isnan(x) else f"{x:.6g}" for x in numbers)
             table.writerow([arm.buses[placed.bus].name, *cells])

@@ -79,7 +79,7 @@ def row(text):
 
 
 def found(text):
-    node = Found(5, answers=True, texts={"name": text})
+    node = Found(5, answers=True, name=text)
     return scan.row_of(node, Match((text,), True))
 
 
