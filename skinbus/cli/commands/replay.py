@@ -10,6 +10,7 @@ from pathlib import Path
 
 import click
 
+from skinbus.can.event import Event
 from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.options import channels_option, file_option, level_option, zero_option
@@ -60,9 +61,16 @@ def command(
     events = EventLog(
         console.print,
         [bus.name for bus in loaded.buses],
-        now=lambda: recorded.now_s,
+        now=lambda: now_s,
         stamp=lambda t: f"{t:9.3f} s ",
     )
+    now_s = 0.0
+
+    def on_event(event: Event) -> None:
+        nonlocal now_s
+        now_s = 1e-9 * event.t_ns
+        events.take(event)
+
     recorded = Recorded(
         "/dev/stdin" if log == "-" else log,
         loaded,
@@ -70,7 +78,7 @@ def command(
         console,
         level=level,
         zero=zero,
-        on_event=events.take,
+        on_event=on_event,
     )
     with open(out, "w", encoding="utf-8", newline="") if out else nullcontext() as file:
         table = csv.DictWriter(file, CONTACT_COLUMNS, lineterminator="\n") if file else None
@@ -78,6 +86,7 @@ def command(
             table.writeheader()
         for cycle, t_ns, _ in recorded:
             t_s = 1e-9 * cycle.t_ns
+            now_s = max(now_s, t_s)
             events.show()
             n_cycles += 1
             for contact in cycle.contacts:

@@ -143,15 +143,16 @@ KEPT_S = 25.0
 
 
 def held(share):
-    """Wait until a master shows two fingers; return their identities."""
-    end = time.monotonic() + PATIENCE_S
+    """Wait until a master shows two fingers for 25 cycles; return their identities."""
+    end, n = time.monotonic() + PATIENCE_S, 0
     while time.monotonic() < end:
         with (
             contextlib.suppress(ShareError),
             attach(share) as skin,
         ):  # not there yet, or that of the one before
             for cycle in skin:
-                if len(cycle.contacts) == 2:
+                n += len(cycle.contacts) == 2
+                if n >= 25 and len(cycle.contacts) == 2:
                     return sorted(contact.id for contact in cycle.contacts)
     raise AssertionError("no contacts")
 
