@@ -109,7 +109,7 @@ class Guard(Core):
         self._now_ns = self._say_ns = 0
         self._said = ""
         self._events: list[Event] = []
-        self._above_ns: dict[tuple[str, str], int] = {}
+        self._above_ns: dict[tuple[int, str], int] = {}
         self._has_contacts = needs_contacts
         self._contacts = _Watched("contacts", round(CYCLES * 1e9 / arm.bus.rate_hz))
         self._watched = [self._contacts] if needs_contacts else []
@@ -233,9 +233,9 @@ class Guard(Core):
     def _judge(self, contacts: RegionPeaks) -> None:
         """Compare the contacts of a cycle with the limits of their regions."""
         t_ns, *peaks = contacts
-        for region, force, pressure in zip(self._settings.regions, *peaks, strict=True):
+        for k, (region, force, pressure) in enumerate(zip(self._settings.regions, *peaks, strict=True)):
             for unit, value, limit in (("N", force, region.force), ("Pa", pressure, region.pressure)):
-                key = region.name, unit
+                key = k, unit  # names of regions may repeat
                 if not value > limit:
                     self._above_ns.pop(key, None)
                     continue

@@ -127,7 +127,7 @@ def test_a_contact_beyond_limit_times_factor_is_a_stop_at_once():
     assert not rig.is_stopped
     rig.press(20.1)
     assert rig.is_stopped
-    assert rig.guard.reason == "contact of 20.1 N in region region 0, beyond 10 N for 20 ms"
+    assert rig.guard.reason == "contact of 20.1 N in region region, beyond 10 N for 20 ms"
 
 
 @BOTH
