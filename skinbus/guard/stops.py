@@ -19,8 +19,8 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame, Frames
 from skinbus.errors import AddressError
 from skinbus.model import Arm
-from skinbus.node.sdo_client import ANSWER_DOWNLOAD, ASK_DOWNLOAD
-from skinbus.node.sdo_server import ABORT, EXPEDITED, FRAME_LENGTH, HEAD, SIZE_GIVEN
+from skinbus.node.sdo_client import ANSWER_DOWNLOAD, expedited_write
+from skinbus.node.sdo_server import ABORT, FRAME_LENGTH
 from skinbus.objects.cia import MAX_NODE_ID, SDO_CLIENT_BASE, SDO_SERVER_BASE, describe_abort
 from skinbus.objects.profile import MASTER_NODE_ID
 
@@ -66,8 +66,7 @@ class NodeWrite:
     @classmethod
     def of(cls, label: str, bus: int, node_id: int, index: int, sub: int, data: bytes) -> NodeWrite:
         """Return one of up to four bytes."""
-        command = ASK_DOWNLOAD | (4 - len(data)) << 2 | EXPEDITED | SIZE_GIVEN
-        return cls(label, bus, node_id, HEAD.pack(command, index, sub) + data.ljust(4, b"\0"))
+        return cls(label, bus, node_id, expedited_write(index, sub, data))
 
     @property
     def answer_id(self) -> int:

@@ -131,7 +131,8 @@ class Cycle:
         self._is_real = measured | np.array([law.misfit > 0.0 for law in laws])  # an ideal law is exact
         self._is_unmeasured = self._is_real & ~measured
         self._offset = plan.counts_offset
-        self._scale = plan.counts_scale
+        self.scale = plan.counts_scale
+        """(n_tactels,) Pa per count, gain included."""
 
     def run(
         self,
@@ -149,7 +150,7 @@ class Cycle:
         of the readings at ``t_ns``.
         """
         np.subtract(counts, self._offset, out=self.pressures)
-        self.pressures *= self._scale
+        self.pressures *= self.scale
         self.plausibility.judge(self.pressures, t_ns, fresh, self.baseline)
         fresh = fresh & ~self.plausibility.is_withheld
         self.baseline.apply(self.pressures, t_ns, fresh)

@@ -56,8 +56,7 @@ class Guarding:
         assert arm.guard
         self._arm, self._guard, self._own, self._table = arm, arm.guard, own, table
         self._zero, self._touched, self._faults = felt.zero, felt.touched, cycle.plausibility.faults
-        steps = np.array([placed.patch.transducer.step for placed in arm.patches])
-        self._scale, self._full = steps[arm.tactel_patch] * arm.tactel_gain, limit_of(arm)
+        self._scale, self._full = cycle.scale, limit_of(arm)
         # Pa that each tactel may read, and what a pascal on it is of the force that may be
         self._most, self._share = np.full(arm.n_tactels, np.inf), np.zeros(arm.n_tactels)
         for region in arm.guard.regions:

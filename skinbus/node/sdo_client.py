@@ -59,6 +59,12 @@ class SdoResult(NamedTuple):
         return self.data
 
 
+def expedited_write(index: int, sub: int, data: bytes) -> bytes:
+    """Return the request that writes one to four bytes (CiA 301, 7.2.4.3.3)."""
+    command = ASK_DOWNLOAD | (4 - len(data)) << 2 | EXPEDITED | SIZE_GIVEN
+    return HEAD.pack(command, index, sub) + bytes(data).ljust(4, b"\0")
+
+
 class SdoClient:
     """One transfer at a time with the server of ``node_id``."""
 
@@ -84,8 +90,7 @@ class SdoClient:
         """Begin a download; its request leaves with the next step."""
         n = len(data)
         if 0 < n <= 4:
-            command = ASK_DOWNLOAD | (4 - n) << 2 | EXPEDITED | SIZE_GIVEN
-            transfer = _write(HEAD.pack(command, index, sub) + bytes(data).ljust(4, b"\0"), ())
+            transfer = _write(expedited_write(index, sub, data), ())
         else:
             segments = [bytes(data[k : k + SEGMENT]) for k in range(0, max(n, 1), SEGMENT)]
             transfer = _write(HEAD_AND_NUMBER.pack(ASK_DOWNLOAD | SIZE_GIVEN, index, sub, n), segments)
