@@ -73,5 +73,4 @@ class GcScheduler:
             return
         begin_ns = time.perf_counter_ns()
         gc.collect(generation)
-        took_ns = time.perf_counter_ns() - begin_ns
-        self._longest_ns[generation] = max(self._longest_ns[generation], took_ns)
+        self._longest_ns[generation] = max(self._longest_ns[generation], time.perf_counter_ns() - begin_ns)

@@ -123,8 +123,7 @@ class BabbleWatch:
 
     def _listen(self, on: bool) -> None:
         self._listening = on
-        wanted = filters(None if on else ())
-        self._sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, wanted)
+        self._sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters(None if on else ()))
 
     def _heard(self) -> Iterator[int]:
         """Yield the identifiers of frames that came while it listened."""

@@ -250,8 +250,7 @@ def _read_sub_object(file: EdsFile, section: Section, index: int, sub: int) -> N
         file.fault(section.name, "", None, f"no section of its own: [{index:04X}] is compact")
         return
     object_type = file.integer(section.name, "ObjectType", VAR) or VAR
-    name = _name(file, section)
-    entry.variables[sub] = _read_variable(file, section, index, sub, name, object_type)
+    entry.variables[sub] = _read_variable(file, section, index, sub, _name(file, section), object_type)
 
 
 def _name(file: EdsFile, section: Section) -> str:

@@ -64,8 +64,7 @@ class Chain(NamedTuple):
         """Return which positions (n_joints,) are beyond limits; limits that leave no range are none."""
         slack = np.where(self.linear, SLACK_M, SLACK_RAD)
         is_limited = (np.array(self.kinds) != "continuous") & (self.lower < self.upper)
-        beyond = (positions < self.lower - slack) | (positions > self.upper + slack)
-        return np.asarray(is_limited & beyond)
+        return np.asarray(is_limited & ((positions < self.lower - slack) | (positions > self.upper + slack)))
 
 
 def check_robot(arm: Arm) -> Arm:

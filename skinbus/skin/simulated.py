@@ -58,8 +58,7 @@ def simulate(
     def on_cycle(report: CycleReport) -> None:
         cycle = maker.make(master, report)
         # The patches sampled a little after the SYNC was sent, and well before the next.
-        half = round(0.5e9 / arm.bus.rate_hz)
-        cycle.truth = _truth(loaded, world.scene_time(report.t_ns + half))
+        cycle.truth = _truth(loaded, world.scene_time(report.t_ns + round(0.5e9 / arm.bus.rate_hz)))
         new.append(cycle)
 
     def cycles() -> Iterator[Cycle]:

@@ -96,8 +96,7 @@ def fault_of(board: Located, scatter: float) -> str:
     if 2 * len(board.outliers) >= len(board.used):
         return f"its presses fit no place: {right}"
     if board.is_turned:
-        turn = math.degrees(board.shift[2])
-        return f"it is turned by {turn:.0f} deg: say so in the arm file (yaw_deg)"
+        return f"it is turned by {math.degrees(board.shift[2]):.0f} deg: say so in the arm file (yaw_deg)"
     if (shift := math.hypot(*board.shift[:2])) > MAX_SHIFT:
         fits = f"its presses fit {1e3 * shift:.0f} mm from its place, more than boards are mounted off"
         return f"{fits}: correct its place in the arm file, or node_id in the presses (see `scan identify`)"
@@ -124,5 +123,4 @@ def place_of(arm: Arm, board: Located) -> dict[str, Any]:
         {"angle_deg": math.degrees(board.a / surface.radius)} if surface.period else {"a_mm": 1e3 * board.a}
     )
     yaw = {} if "yaw" in board.unknown else {"yaw_deg": math.degrees(board.yaw)}
-    place = {"s_mm": 1e3 * board.s, **around, **yaw}
-    return {key: round(value, 3) for key, value in place.items()}
+    return {key: round(value, 3) for key, value in {"s_mm": 1e3 * board.s, **around, **yaw}.items()}

@@ -55,8 +55,7 @@ def list_(names: tuple[str, ...]) -> None:
             rows = [(one.name, _shown(one), one.metadata["description"]) for one in fields(cls)]
             console.table(("parameter", "default", "what"), rows, f"\n{name} ({stage}): {_about(cls)}")
     if not names:
-        scenes = [(name, load_scene(name).title) for name in scene_names()]
-        console.table(("scene", "what it shows"), scenes)
+        console.table(("scene", "what it shows"), [(name, load_scene(name).title) for name in scene_names()])
         parts = [(name, stage, _about(cls)) for name, stage, cls in items]
         console.table(("name", "acts on", "what"), parts, "\nLayers and effects, in the order of physics")
 

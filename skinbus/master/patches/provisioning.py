@@ -344,8 +344,7 @@ def _compare(
     """Return which values that a patch holds differ; those that it aborts with a ``skipped`` code do not."""
     changes = []
     for (index, sub), new in values.items():
-        tolerates = (*NO_VALUE, *skipped)
-        reply = yield from _ask(f"read 0x{index:04X}:{sub:02X}", index, sub, tolerates=tolerates)
+        reply = yield from _ask(f"read 0x{index:04X}:{sub:02X}", index, sub, tolerates=(*NO_VALUE, *skipped))
         if reply.abort and reply.abort in skipped:
             continue
         old = None if reply.abort else reply.data

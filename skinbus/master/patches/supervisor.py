@@ -156,8 +156,7 @@ class PatchMonitor:
     def _report(self, now_ns: int, kind: EventKind, patches: int | Mask, detail: str = "") -> None:
         """Report an event of one patch, or of all in a mask."""
         for p in np.flatnonzero(patches) if isinstance(patches, np.ndarray) else (patches,):
-            node_id = self._plans[p].node_id
-            self._events.append(Event(t_ns=now_ns, kind=kind, node_id=node_id, detail=detail))
+            self._events.append(Event(t_ns=now_ns, kind=kind, node_id=self._plans[p].node_id, detail=detail))
 
     def _taken(self) -> tuple[list[Frame], list[Event]]:
         """Return what is to be sent, and events, since the last call."""
@@ -471,7 +470,7 @@ class Supervisor(PatchMonitor):
 
     def _late(self, now_ns: int) -> Mask:
         """Return which patches owe a heartbeat for too long, (n_patches,)."""
-        return np.asarray(now_ns - self.table.last_heard > self._lost_after)
+        return now_ns - self.table.last_heard > self._lost_after
 
     def _command(self, p: int, command: NmtCommand) -> None:
         self._out.append(nmt_frame(command, self._plans[p].node_id))

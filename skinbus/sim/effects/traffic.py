@@ -230,8 +230,7 @@ class Delay(TrafficEffect):
 
 class _Lose(FrameStep):
     def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
-        p = self.effect.probability
-        frames[:] = [frame for frame in frames if next(self.draws[frame.can_id]) >= p]
+        frames[:] = [frame for frame in frames if next(self.draws[frame.can_id]) >= self.effect.probability]
 
 
 @settings
