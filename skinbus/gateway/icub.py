@@ -183,7 +183,8 @@ def import_skin(skin: Positions, *, first_board: int, mesh: str | None) -> tuple
         if mesh is None:
             sa = fit.sa[rows[k][mine]]
             middle = 0.5 * (sa.max(0) + sa.min(0))
-            uv, keys = sa - middle, _place(fit.surface, *middle)
+            uv = sa - middle
+            keys = "\n".join(f"{key} = {value:.3f}" for key, value in fit.surface.keys_of(*middle).items())
         else:
             uv, centre, along = lay_flat(skin.points[k][mine], skin.normals[k][mine])
             keys = f"xyz_mm = {_triple(1e3 * centre)}\nalong = {_triple(along)}"
@@ -204,13 +205,6 @@ def import_skin(skin: Positions, *, first_board: int, mesh: str | None) -> tuple
     rate_hz = min(50.0, RATE_HZ // len(used))
     head = f'[arm]\nname = "{skin.name}"\nrate_hz = {rate_hz}\n\n[[link]]\nname = "{skin.name}"\n{link}'
     return {f"{skin.name}.toml": "\n".join([head, *tables])} | files, fit
-
-
-def _place(surface: Surface, s: float, a: float) -> str:
-    across = f"a_mm = {1e3 * a:.3f}"
-    if surface.period:
-        across = f"angle_deg = {math.degrees(a / surface.radius):.3f}"
-    return f"s_mm = {1e3 * s:.3f}\n{across}"
 
 
 def _link(fit: Fit) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.arrays import Bytes
 from skinbus.can.core import NEVER
@@ -136,17 +135,14 @@ class PlausibilityReport:
     Data of the EMCY (0xFF00): node-ID, first tactel (from 1), its ``TactelFault`` bits, number of tactels.
     """
 
-    def __init__(
-        self, arm: Arm, bus: int, od: ObjectDictionary, device: Device, plausibility: Plausibility
-    ) -> None:
+    def __init__(self, arm: Arm, bus: int, device: Device, plausibility: Plausibility) -> None:
         self._device = device
         self._plausibility = plausibility
         self._patches = own = arm.patches_on(bus)
         self._node_ids = arm.node_id[own]
         self._tactels = [arm.tactels_of(p) for p in range(arm.n_patches)][own]
-        self._map, self._count = (
-            device.image_view(od[name].index, 1, MAX_NODE_ID) for name in (PATCH_FAULTY, PATCH_FAULTY_COUNT)
-        )
+        self._map = device.view_of(PATCH_FAULTY, MAX_NODE_ID)
+        self._count = device.view_of(PATCH_FAULTY_COUNT, MAX_NODE_ID)
         self._reported = np.zeros(arm.n_tactels, np.uint8)
         self._data: dict[int, bytes] = {}
         # by patch: when it may be reported again, cycles with repeated readings, time of the newest

@@ -59,14 +59,13 @@ class BusMaster:
         """Of all patches, those on the bus."""
         self.table = table = table.part(self.patches)
         plans = plans[self.patches]
-        od = load_eds("skin-master", node_id)
-        self.device = Device(od, node_id)
+        self.device = Device(load_eds("skin-master", node_id), node_id)
         self.supervisor: PatchMonitor = (
             PatchMonitor(plans, table) if follows else Supervisor(plans, table, timeouts_of(arm), guarding)
         )
         taken = data_ids | self.supervisor.cob_ids | {cia.SDO_CLIENT_BASE + plan.node_id for plan in plans}
         self.network = Network(arm, number, self.device, plans, taken, self.supervisor, baseline)
-        self.tactels = PlausibilityReport(arm, number, od, self.device, plausibility)
+        self.tactels = PlausibilityReport(arm, number, self.device, plausibility)
         self.alarms = Alarms(self.device)
         self.other_master = None if follows else OtherMaster()
         self._guarding = guarding

@@ -23,7 +23,6 @@ from skinbus.node.device import Device
 from skinbus.objects import cia
 from skinbus.objects.cia import MAX_NODE_ID, REQUEST_NMT, REQUEST_NMT_ALL, AbortCode, NmtCommand
 from skinbus.objects.dcf import to_concise
-from skinbus.objects.eds import load_eds
 from skinbus.objects.profile import COMMAND, PATCH_COMMAND, PATCH_SUSPECT, ZERO
 
 IS_SLAVE = 1 << 0
@@ -92,10 +91,10 @@ class Network:
         self._plans = tuple(plans)
         self._patches = {plan.node_id: p for p, plan in enumerate(plans)}
         self._rows = np.array([plan.node_id - 1 for plan in plans], np.intp)
-        od = load_eds("skin-master", device.node_id)
+        od = device.layout.od
         self._all, self._one = od[COMMAND].index, od[PATCH_COMMAND].index
         self._states: Bytes = device.image_view(REQUEST_NMT, 1, REQUEST_NMT_ALL)
-        self._suspect = device.image_view(od[PATCH_SUSPECT].index, 1, MAX_NODE_ID)
+        self._suspect = device.view_of(PATCH_SUSPECT, MAX_NODE_ID)
         self._own: NmtCommand | None = None
         self._zeroed: list[tuple[int, int]] = []
 

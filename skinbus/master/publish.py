@@ -9,11 +9,9 @@ client always reads one whole cycle, and a TPDO is a slice of what it would read
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.arrays import Floats, Ints
 from skinbus.estimate import LEVELS, Contacts, Loads, Tracks, TrackState
@@ -32,7 +30,6 @@ from skinbus.objects.contacts import (
     pack_contacts,
     pack_deviations,
 )
-from skinbus.objects.eds import load_eds
 from skinbus.objects.published import published
 
 AREA_STEP = 1e-6
@@ -65,23 +62,18 @@ COVARIANCES = (
 class _Node:
     """Live views of the objects in the device of one bus; tables of patches are by node-ID from 1."""
 
-    def __init__(self, arm: Arm, bus: int, device: Device, od: ObjectDictionary) -> None:
+    def __init__(self, arm: Arm, bus: int, device: Device) -> None:
         self.device = device
         self.patches = arm.patches_on(bus)
         self.rows = arm.node_id[self.patches] - 1
 
-        def views(names: Sequence[str], n: int) -> list[npt.NDArray[Any]]:
-            places = (profile.index_of(od, name) for name in names)
-            return [device.image_view(index, sub or 1, n) for index, sub in places]
-
-        first = od[profile.CONTACT].index
-        self.records = device.values.rows(first, profile.MAX_CONTACTS)
-        self.cycle = device.values.rows(profile.index_of(od, profile.CYCLES)[0], 1)
-        self.load = device.values.rows(profile.index_of(od, profile.LOAD)[0], 1)
-        self.frames = device.values.rows(od[profile.FRAMES].index, 1)
-        self.states = views(OF_STATES, cia.MAX_NODE_ID)
-        self.patch_loads = views(OF_PATCHES, cia.MAX_NODE_ID)
-        self.link_loads = views(OF_LINKS, MAX_LINKS)
+        self.records = device.rows_of(profile.CONTACT, profile.MAX_CONTACTS)
+        self.cycle = device.rows_of(profile.CYCLES, 1)
+        self.load = device.rows_of(profile.LOAD, 1)
+        self.frames = device.rows_of(profile.FRAMES, 1)
+        self.states = [device.view_of(name, cia.MAX_NODE_ID) for name in OF_STATES]
+        self.patch_loads = [device.view_of(name, cia.MAX_NODE_ID) for name in OF_PATCHES]
+        self.link_loads = [device.view_of(name, MAX_LINKS) for name in OF_LINKS]
 
 
 class Publisher:
@@ -89,11 +81,10 @@ class Publisher:
 
     def __init__(self, arm: Arm, devices: Sequence[Device]) -> None:
         self._arm = arm
-        od = load_eds("skin-master", devices[0].node_id)
-        self._nodes = [_Node(arm, k, device, od) for k, device in enumerate(devices)]
+        self._nodes = [_Node(arm, k, device) for k, device in enumerate(devices)]
         self._records = self._nodes[0].records
         self._used: set[int] = set()
-        objects = published(od)
+        objects = published(devices[0].layout.od)
         self._summary = objects.summary.number
         pairs = zip(objects.contacts, objects.qualities, strict=True)
         self._tpdos = [(contact.number, quality.number) for contact, quality in pairs]

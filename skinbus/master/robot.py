@@ -16,7 +16,6 @@ from skinbus.estimate import Contacts, Tracks
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects import profile
-from skinbus.objects.eds import load_eds
 from skinbus.robot import RobotContacts, RobotFrames
 from skinbus.robot.chain import check_positions
 from skinbus.robot.frames import to_single
@@ -83,18 +82,14 @@ class _Objects:
     """The objects of the robot in one device."""
 
     def __init__(self, device: Device, n_joints: int) -> None:
-        od = load_eds("skin-master", device.node_id)
-        self._records = device.values.rows(od[profile.CONTACT].index, profile.MAX_CONTACTS)
+        self._records = device.rows_of(profile.CONTACT, profile.MAX_CONTACTS)
         names = self._records.dtype.names or ()
         self._names = names[names.index(FIRST) : names.index(LAST) + 1]
 
-        def view(name: str, n: int) -> npt.NDArray[Any]:
-            index, sub = profile.index_of(od, name)
-            return device.image_view(index, sub or 1, n)
-
-        self._n_joints = view(profile.ROBOT_JOINTS, 1)
-        self._is_valid = view(profile.ROBOT_VALID, 1)
-        self._positions, self._wrench = view(profile.JOINT_POSITION, n_joints), view(profile.ROBOT_WRENCH, 6)
+        self._n_joints = device.view_of(profile.ROBOT_JOINTS, 1)
+        self._is_valid = device.view_of(profile.ROBOT_VALID, 1)
+        self._positions = device.view_of(profile.JOINT_POSITION, n_joints)
+        self._wrench = device.view_of(profile.ROBOT_WRENCH, 6)
 
     def write(self, placed: RobotContacts, slots: Ints, rows: Ints) -> None:
         """Write the contacts in ``rows`` to the records in ``slots``, and what all of them do."""

@@ -176,6 +176,15 @@ class Device(Core):
         """A live view of ``n`` entries from ``sub`` on; see ``Values.view``."""
         return self.values.view(index, sub, n)
 
+    def view_of(self, name: str, n: int) -> npt.NDArray[Any]:
+        """A live view of ``n`` elements of an object by its name, from the one that the name says on."""
+        index, sub = index_of(self.layout.od, name)
+        return self.values.view(index, sub or 1, n)
+
+    def rows_of(self, name: str, n: int) -> npt.NDArray[Any]:
+        """A live view of ``n`` records alike, from the one of this name on; see ``Values.rows``."""
+        return self.values.rows(index_of(self.layout.od, name)[0], n)
+
     def emcy(self, code: int, data: bytes = b"") -> bool:
         """An error came: register, history and message follow with the next step; False if it was there."""
         return self._emcy.raise_error(code, data)

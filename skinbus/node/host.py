@@ -86,9 +86,9 @@ class PatchHost(Core):
         self._counts = np.concatenate(self._shows).astype(np.int32)
         self._lowest = np.concatenate([np.full(len(v), np.iinfo(v.dtype).min) for v in self._shows])
         self._ages = {
-            i: device.image_view(*index_of(od, SAMPLE_AGE), 1)
+            i: device.view_of(SAMPLE_AGE, 1)
             for i, device in enumerate(devices)
-            if has(od := device.layout.od, SAMPLE_AGE)
+            if has(device.layout.od, SAMPLE_AGE)
         }
         """Where the TPDOs of each patch find the age of its sample."""
         self._since_ns = np.zeros(len(devices), np.int64)

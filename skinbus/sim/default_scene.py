@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -28,21 +27,17 @@ def default_scene(arm: Arm) -> dict[str, Any]:
     touches = []
     for k, p in enumerate(patches):
         placed = arm.patches[p]
-        surface = arm.links[placed.link].surface
+        link = arm.links[placed.link]
         begin_s = GAP_S + k * (PRESS_S + GAP_S)
-        touch: dict[str, Any] = {
-            "link": arm.links[placed.link].name,
-            "s_mm": 1e3 * placed.s,
+        touch = {
+            "link": link.name,
+            **link.surface.keys_of(placed.s, placed.a),
             "shape": "disc",
             "diameter_mm": DIAMETER_MM,
             "force_n": FORCE_N,
             "start_s": begin_s,
             "end_s": begin_s + PRESS_S,
         }
-        if surface.period:
-            touch["angle_deg"] = math.degrees(placed.a / surface.radius)
-        else:
-            touch["a_mm"] = 1e3 * placed.a
         touches.append(touch)
     duration_s = GAP_S + len(touches) * (PRESS_S + GAP_S)
     scene = {"title": f"a fingertip on {arm.name}", "arm": arm.name, "duration_s": duration_s}

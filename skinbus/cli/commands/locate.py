@@ -118,9 +118,7 @@ def remarks(board: Located, fault: str, rows: Sequence[Press]) -> Iterator[str]:
 
 def place_of(arm: Arm, board: Located) -> dict[str, Any]:
     """Return the place of a board as an arm file has it."""
-    surface = arm.links[arm.patches[board.patch].link].surface
-    around = (
-        {"angle_deg": math.degrees(board.a / surface.radius)} if surface.period else {"a_mm": 1e3 * board.a}
-    )
-    yaw = {} if "yaw" in board.unknown else {"yaw_deg": math.degrees(board.yaw)}
-    return {key: round(value, 3) for key, value in {"s_mm": 1e3 * board.s, **around, **yaw}.items()}
+    place = arm.links[arm.patches[board.patch].link].surface.keys_of(board.s, board.a)
+    if "yaw" not in board.unknown:
+        place["yaw_deg"] = math.degrees(board.yaw)
+    return {key: round(value, 3) for key, value in place.items()}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -124,11 +123,10 @@ def places_of(arm: Arm) -> list[Place]:
     """Return the places of the patches of an arm with one bus, and of their tables in its file."""
     places = []
     for placed, kind in zip(arm.patches, kinds_of(arm), strict=True):
-        link, at = arm.links[placed.link], f"a {1e3 * placed.a:.0f} mm"
-        if link.surface.period:
-            at = f"angle {math.degrees(placed.a / link.surface.radius):.0f} deg"
-        where = f"{link.name}, s {1e3 * placed.s:.0f} mm, {at}"
-        places.append(Place(placed.key, where, kind.kind, placed.patch.size))
+        link = arm.links[placed.link]
+        at = link.surface.keys_of(placed.s, placed.a).items()
+        words = [link.name, *(key.replace("_", f" {value:.0f} ") for key, value in at)]
+        places.append(Place(placed.key, ", ".join(words), kind.kind, placed.patch.size))
     return places
 
 
