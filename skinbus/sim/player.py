@@ -18,7 +18,7 @@ class Player:
         self._world = world
         self._period_ns = round(1e9 / world.scene.arm.bus.rate_hz)
         self._now_ns = self._wake_ns = self._n_syncs = 0
-        self._run_to(BOOT_NS)
+        self.run_to(BOOT_NS)
 
     def cycle(self) -> Frames:
         """Send one SYNC and return everything that is said until the next is due."""
@@ -26,9 +26,10 @@ class Player:
         overflow = self._world.scene.arm.bus.sync_counter
         counter = bytes([(self._n_syncs - 1) % overflow + 1]) if overflow else b""
         frames = self._say([Frame(SYNC_ID, counter, bus=k) for k in range(self._world.n_buses)])
-        return frames + self._run_to(self._now_ns + self._period_ns)
+        return frames + self.run_to(self._now_ns + self._period_ns)
 
-    def _run_to(self, until_ns: int) -> list[Frame]:
+    def run_to(self, until_ns: int) -> list[Frame]:
+        """Let time pass without a SYNC; return what is said."""
         frames: list[Frame] = []
         while self._wake_ns < until_ns:
             self._now_ns = max(self._wake_ns, self._now_ns + 1)

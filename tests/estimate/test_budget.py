@@ -1,9 +1,11 @@
 """The budget of a cycle: never far exceeded, never a touch lost to it, and always said."""
 
 import ctypes
+import time
 
 import numpy as np
 import pytest
+from numba import cfunc, types
 
 from skinbus.estimate import LEVELS, Clock, Estimator, Quality
 from skinbus.model import Cone
@@ -42,6 +44,19 @@ class FakeClock:
         self.n_read += 1
         answer[0].seconds, answer[0].ns = divmod(1_700_000_000 * 10**9 + 1000 * self.n_read, 10**9)
         return 0
+
+
+read_time = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.CPointer(types.int64)))
+has_lock = types.ExternalFunction("PyGILState_Check", types.int32())
+
+
+@cfunc("int32(int32, CPointer(int64))")
+def time_with_lock(clock_id, answer):
+    """Read a clock that goes on while its thread holds Python's lock, and says 0 while it does not."""
+    read_time(clock_id, answer)
+    answer[0] *= has_lock()
+    answer[1] *= has_lock()
+    return 0
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +102,15 @@ def test_clock_is_looked_at_until_time_is_out_and_then_never_again(arm, pressure
     assert fake.n_read <= 1 + max(budget_us, 1)
     assert fake.n_read > budget_us - LAST_STEP_US or not is_out
     assert is_out or budget_us > 30
+
+
+def test_levels_run_without_pythons_lock(arm, pressures):
+    seen = (ctypes.c_int64 * 2)()
+    ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.c_void_p)(time_with_lock.address)(1, seen)
+    assert seen[1], "this call holds it"
+    clock = Clock(time_with_lock.address, time.CLOCK_MONOTONIC)
+    contacts = Estimator(arm, "full", clock=clock, budget_us=0.001).update(pressures, 0)
+    assert not (contacts.quality & Quality.OVER_BUDGET).any()
 
 
 @pytest.mark.parametrize("level", ["fit", "full"])

@@ -14,7 +14,7 @@ def frame_of(part, raw, kind):
     """Return identifier and data of the frame of a part, as a board with readings (n_tactels,) sends it."""
     data = bytearray(part.length)
     data[: len(part.data)] = part.data
-    sent = np.where(part.to >= 0, np.array(raw)[part.to], 0).astype(kind).tobytes()
+    sent = np.where(part.to >= 0, np.array(raw)[part.to], 0xAA).astype(kind).tobytes()
     data[part.table.byte : part.table.byte + len(sent)] = sent
     return part.can_id, bytes(data)
 

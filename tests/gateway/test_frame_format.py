@@ -10,6 +10,15 @@ from skinbus.can.frame import EXTENDED, RTR, Frame
 from skinbus.errors import ArgumentError, ConfigError
 from skinbus.gateway.frame_format import FORMATS, format_names, load_format
 from skinbus.gateway.receiver import Receiver
+from tests.gateway.doubles import frame_of
+
+
+def uspa(rows, columns):
+    """Return the sample of a uSPa whose first frame is the example of its users."""
+    raw = [0x9312 + 0x111 * k for k in range(rows * columns)]
+    frames = [f"{k // columns:X}{k % columns:X}4#937E317E15{z:04X}0F" for k, z in enumerate(raw)]
+    return f"xela-uspa{rows}{columns}", "4", frames, raw
+
 
 # format, address, frames of one sample, raw reading of each tactel
 SAMPLES = [
@@ -25,12 +34,7 @@ SAMPLES = [
         [f"72{t:X}#00000000000{t:X}{t:X}0" for t in range(16)],
         [t << 8 | t << 4 for t in range(16)],
     ),
-    (
-        "xela-uspa22",
-        "4",
-        ["004#000000000093120F"[:-2], "014#00000000007E31", "104#00000000007E15", "114#00000000000001"],
-        [0x9312, 0x7E31, 0x7E15, 1],
-    ),
+    *(uspa(*shape) for shape in ((2, 2), (4, 4), (4, 6))),
     (
         "cyskin-finger",
         "",
@@ -64,7 +68,7 @@ def text(can_id, data):
 
 
 @pytest.mark.parametrize(("name", "address", "frames", "raw"), SAMPLES)
-def test_frames_are_read_as_their_source_says(name, address, frames, raw):
+def test_frames_are_read_and_sent_as_their_source_says(name, address, frames, raw):
     found = load_format(name)
     receiver = Receiver(found, [address])
     for line in frames:
@@ -75,6 +79,11 @@ def test_frames_are_read_as_their_source_says(name, address, frames, raw):
     assert sample.healthy.all()
     assert receiver.faults == [""]
     assert not receiver.n_foreign
+    for part, line in zip(found.parts(address), frames, strict=True):
+        (can_id, sent), seen = frame_of(part, raw, found.type), frame(line)
+        start = part.table.byte
+        assert (can_id, sent[: len(part.data)]) == (seen.can_id, seen.data[: len(part.data)])
+        assert sent[start:] == seen.data[start : part.length]
 
 
 @pytest.mark.parametrize(("name", "kind", "addresses", "frames"), COMMANDS)

@@ -2,13 +2,11 @@
 
 import numpy as np
 
-from skinbus.bus.socketcan_batch import to_frames
-from skinbus.can.frame import FrameBatch
+from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master.freshness import Freshness
 from skinbus.master.gather import Gather
 from skinbus.objects.readings import ReadingsPlan
-from tests.packing import pack
 
 MS = 1_000_000
 
@@ -18,12 +16,11 @@ def test_every_frame_is_accepted_or_lost_once():
     arm = load_arm("pad")
     plan = ReadingsPlan(arm, ods_of(arm))
     gather = Gather(plan, arm.n_tactels, Freshness(plan, 20 * MS))
-    counters, four = gather.counters, FrameBatch(4)
-    pack(plan, np.zeros(arm.n_tactels, np.int32), four)
+    counters, four = gather.counters, [Frame(cob_id, bytes(8)) for cob_id in plan.cob_ids_on[0]]
 
     def take(first, last):
         batch = FrameBatch(4)
-        batch.extend(to_frames(four)[first:last])
+        batch.extend(four[first:last])
         gather.take(batch)
 
     gather.open(0, np.array([True]))

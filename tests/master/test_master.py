@@ -6,8 +6,7 @@ import pytest
 from skinbus.can.event import EventKind
 from skinbus.master.level_control import with_level
 from skinbus.master.patches.table import PatchState
-from skinbus.objects.contacts import ContactState
-from tests.packing import unpack_contacts
+from skinbus.objects.contacts import LENGTH_STEP, PAYLOAD, ContactState
 
 CONTACT_IDS = range(0x681, 0x691)
 SUMMARY_ID = 0x180 + 127
@@ -33,11 +32,11 @@ def test_contact_of_a_touch_is_on_the_bus_as_its_tpdo_and_record_say(forearm):
     forearm.run(1500)
     cycles, _, frames = forearm.run(200)
     payload = next(f.data for f in reversed(frames) if f.can_id == CONTACT_IDS[0])
-    c = unpack_contacts(payload)
+    c = np.frombuffer(payload, PAYLOAD)[0]
     truth = forearm.scene.touches_at(1.6)
-    assert (c.link[0], c.state[0]) == (0, ContactState.HELD)
-    assert abs(c.s[0] - truth.s[0]) < 2e-3
-    assert abs(c.a[0] - truth.a[0]) < 2e-3
+    assert c["link_state"] == ContactState.HELD << 4
+    assert abs(c["s"] * LENGTH_STEP - truth.s[0]) < 2e-3
+    assert abs(c["a"] * LENGTH_STEP - truth.a[0]) < 2e-3
     get = forearm.master.device.get
     assert bytes(get(0x3001, sub) & 0xFF for sub in (1, 2)) == payload[:2]
     assert get(0x3001, 25) == np.float32(cycles[-1].contacts.s[0])

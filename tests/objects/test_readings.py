@@ -4,13 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from skinbus.bus.socketcan_batch import to_frames
-from skinbus.can import frame as bus_frame
 from skinbus.can.frame import ERROR, EXTENDED, FD, RTR, Frame, FrameBatch
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
 from skinbus.objects.eds import load_eds
 from skinbus.objects.readings import ReadingsPlan
-from tests.packing import pack
 
 
 def arm_of(eds, node_ids=(1,), n=(4, 4)):
@@ -90,39 +87,39 @@ def test_plan_refuses_dictionaries_that_do_not_fit_the_arm():
 
 
 @pytest.mark.parametrize(
-    ("eds", "n", "frames"),
+    (
+        "eds",
+        "n",
+        "tpdos",
+    ),  # of a TPDO: COB-ID, its part of the bytes of the readings, bytes of its stamp, length
     [
-        ("skin-patch-fd", (4, 4), [(0x181, 48, bus_frame.LONG), (0x182, 48, bus_frame.LONG)]),
-        (
-            "skin-patch-fd32",
-            (8, 4),
-            [(0x181, 64, bus_frame.LONG), (0x281, 6, 0), (0x182, 64, bus_frame.LONG), (0x282, 6, 0)],
-        ),
+        ("skin-patch-fd", (4, 4), [(0x180, slice(32), 4, 48)]),
+        ("skin-patch-fd32", (8, 4), [(0x180, slice(62), 2, 64), (0x280, slice(62, 64), 4, 6)]),
     ],
 )
-def test_readings_of_can_fd_and_their_stamps_are_long_frames_both_ways(eds, n, frames):
+def test_readings_of_can_fd_and_their_stamps_are_long_frames(eds, n, tpdos):
     plan = expected_node(eds, (1, 2), n)
     rng = np.random.default_rng(8)
     counts = rng.integers(-(2**15), 2**15, plan.n_tactels, np.int32)
     stamps = rng.integers(0, 256, (plan.n_frames, 4), np.uint8) * plan.stamped
-    batch = FrameBatch(len(frames))
-    assert pack(plan, counts, batch, stamps=stamps) == len(frames)
-    assert [(frame.can_id, len(frame.data), frame.flags) for frame in to_frames(batch)] == frames
+    readings = map(bytes, counts.astype("<i2").reshape(2, -1))
+    frames = [
+        Frame(cob_id + node_id, (data[part] + stamp.tobytes()[:n_stamp]).ljust(length, b"\0"), flags=FD)
+        for node_id, own, data in zip((1, 2), np.split(stamps, 2), readings, strict=True)
+        for (cob_id, part, n_stamp, length), stamp in zip(tpdos, own, strict=True)
+    ]
     back, seen, stamps_back = np.zeros_like(counts), np.zeros(2, np.int32), plan.new_stamps()
-    assert plan.unpack(batch, back, seen, stamps=stamps_back) == (len(frames), 0, 0)
+    assert plan.unpack(batch_of(*frames), back, seen, stamps=stamps_back) == (len(frames), 0, 0)
     assert_array_equal(back, counts)
     assert (seen == plan.expected).all()
     assert_array_equal(stamps_back, stamps)
-    n_stamps = plan.stamped.sum(axis=1).tolist()  # counter, status, and the two bytes of an age
-    assert n_stamps == [2 if length == 64 else 4 for _, length, _ in frames]
+    # counter, status, and the two bytes of an age
+    assert plan.stamped.sum(axis=1).tolist() == [n_stamp for _, _, n_stamp, _ in tpdos] * 2
 
 
 def test_frames_that_do_not_come_leave_their_stamps():
     plan = expected_node("skin-patch-fd32", (1,), (8, 4))
     counts, seen, stamps = np.zeros(32, np.int32), np.zeros(1, np.int32), plan.new_stamps()
-    batch = FrameBatch(2)
-    pack(plan, counts, batch, stamps=np.array([[7, 1, 0, 0], [8, 2, 3, 4]], np.uint8))
-    batch.drop(1)
-    plan.unpack(batch, counts, seen, stamps=stamps)
+    plan.unpack(batch_of(Frame(0x281, bytes([0, 0, 8, 2, 3, 4]))), counts, seen, stamps=stamps)
     assert stamps.tolist() == [[0, 0, 0, 0], [8, 2, 3, 4]]
     assert seen.tolist() == [2]

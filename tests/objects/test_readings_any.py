@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from skinbus.bus.socketcan_batch import to_frames
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
 from skinbus.objects import cia
@@ -14,7 +13,6 @@ from skinbus.objects.eds import build_od
 from skinbus.objects.eds_file import read_text
 from skinbus.objects.eds_values import TYPES
 from skinbus.objects.readings import ReadingsPlan
-from tests.packing import pack
 
 READING_TYPES = [2, 3, 4, 5, 6, 0x10, 0x16]  # of 8 to 32 bits, signed and not
 DUMMY_TYPES = [1, 2, 3, 4, 5, 6, 7]
@@ -76,8 +74,8 @@ def expected_node(od, n):
     return ReadingsPlan(Arm("board", [Link("plate", Surface.plane(1.0, 1.0))], [placed]), [od])
 
 
-def bits_of(pdo, counts, dummy=lambda bits: 0):
-    """Return the payload of a PDO, put together bit by bit; dummies are zero, or what a function gives."""
+def bits_of(pdo, counts, dummy):
+    """Return the payload of a PDO, put together bit by bit; a function of their bits gives dummies."""
     word = offset = 0
     for tactel, data_type in pdo:
         bits = TYPES[data_type].bits
@@ -90,7 +88,7 @@ def bits_of(pdo, counts, dummy=lambda bits: 0):
 @pytest.mark.slow
 @settings(max_examples=150)
 @given(boards(), st.randoms(use_true_random=False))
-def test_any_mapping_packs_and_unpacks_bit_by_bit(board, random):
+def test_any_mapping_unpacks_bit_by_bit_whatever_its_dummies_hold(board, random):
     pdos, n = board
     if n == 0:
         return
@@ -101,10 +99,6 @@ def test_any_mapping_packs_and_unpacks_bit_by_bit(board, random):
     plan = expected_node(board_od(pdos), n)
     carriers = [(k, pdo) for k, pdo in enumerate(pdos) if any(tactel is not None for tactel, _ in pdo)]
     batch = FrameBatch(8)
-    assert pack(plan, sent, batch) == len(carriers)
-    assert to_frames(batch) == [Frame(0x181 + 0x10 * k, bits_of(pdo, sent)) for k, pdo in carriers]
-    # noise where the dummies are must not matter
-    batch.clear()
     batch.extend([Frame(0x181 + 0x10 * k, bits_of(pdo, sent, random.getrandbits)) for k, pdo in carriers])
     got, seen = np.zeros(n, np.int32), np.zeros(1, np.int32)
     assert plan.unpack(batch, got, seen) == (len(carriers), 0, 0)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from skinbus.can.core import NEVER
 from skinbus.can.frame import FrameBatch
 from skinbus.config.system import ods_of
 from skinbus.objects.readings import ReadingsPlan
@@ -17,7 +18,7 @@ MS = 1_000_000
 def played(scene, n_cycles, *, delay_ns=0):
     """Return what is said in each of so many cycles, the first of which comes later by a delay."""
     player = Player(World(scene, ods_of(scene.arm)))
-    player._run_to(BOOT_NS + delay_ns)
+    player.run_to(BOOT_NS + delay_ns)
     return [player.cycle() for _ in range(n_cycles)]
 
 
@@ -50,3 +51,13 @@ def test_same_seed_gives_the_same_bytes_and_scene_time_follows_the_sync(forearm)
     for on_time, delayed in zip(cycles, late, strict=False):
         data = [[f.data for f in frames if 0x180 < f.can_id < 0x500] for frames in (on_time, delayed)]
         assert data[0] == data[1]
+
+
+def test_world_wants_to_be_called_for_nothing_but_boot_and_heartbeat():
+    world = World(load_scene("pad"))
+    wake_ns = world.step(0).wake_ns
+    assert 0 < wake_ns < 60 * MS
+    boot = world.step(wake_ns)
+    assert [f.can_id for f in boot.frames] == [0x701]
+    beat = world.devices[0].get(0x1017) * MS
+    assert boot.wake_ns == (wake_ns + beat if beat else NEVER)
