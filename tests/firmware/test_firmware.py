@@ -17,7 +17,7 @@ from skinbus.objects.eds import eds_names, find_eds, load_eds
 from skinbus.objects.eds_text import EdsText
 from skinbus.objects.guard import GFC_ID
 from tests.firmware.firmware_device import EMPTY, FLAGS, FirmwareDevice, code_of
-from tests.firmware.mutants import broken_rules
+from tests.firmware.mutants import SensingFirmware, broken_rules
 from tests.firmware.traffic import Traffic
 
 NODE = 5
@@ -37,6 +37,11 @@ def board(eds="skin-patch", **options):
 @pytest.mark.parametrize("eds", BOARDS)
 def test_firmware_of_every_board_keeps_every_rule(eds):
     assert broken_rules(board(eds), eds, n_syncs=50) == {}
+
+
+def test_a_board_that_senses_passes():
+    sensing = SensingFirmware(code_of("skin-patch"))
+    assert broken_rules(sensing, n_syncs=500, ask=sensing.press) == {}
 
 
 def run_both(eds, seed, n_steps):

@@ -1,6 +1,7 @@
 """The check of a board: ours passes every rule, and each broken board fails the rule that it breaks."""
 
-import numpy as np
+import itertools
+
 import pytest
 
 from skinbus.can.virtual_bus import VirtualBus
@@ -23,9 +24,9 @@ class Board(Delayed):
 
     cob_ids = None
 
-    def __init__(self, device, fault=None):
+    def __init__(self, device, fault):
         super().__init__(device)
-        self.fault = fault or (lambda frame: frame)
+        self.fault = fault
 
     def later(self, now_ns, frame):
         out = self.fault(frame)
@@ -45,12 +46,12 @@ def device(eds="skin-patch"):
     return Sampled(load_eds(eds, NODE), NODE, storage={})
 
 
-def check(board, eds="skin-patch", n_syncs=50, ask=None):
+def check(board, eds="skin-patch", n_syncs=50):
     """Return what came of each rule by its name."""
     wire = VirtualBus(1_000_000, data_bitrate=2_000_000)
     wire.attach(board)
     od = load_eds(eds, NODE)
-    core = PatchCheck(NODE, od, 5 * NS_PER_MS, RULES, n_syncs=n_syncs, ask=ask, destructive=True)
+    core = PatchCheck(NODE, od, 5 * NS_PER_MS, RULES, n_syncs=n_syncs, destructive=True)
     wire.attach(core)
     wire.run(wire.now_ns + LIMIT_NS)
     assert [result.rule for result in core.results] == list(RULES)
@@ -92,14 +93,6 @@ def test_stored_parameters_are_kept_unless_their_loss_is_accepted():
     assert board.get(0x1020, 1) == 0
 
 
-def is_tpdo(frame):
-    return frame.can_id in (0x185, 0x285, 0x385, 0x485)
-
-
-def is_boot_up(frame):
-    return frame.can_id == 0x705 and frame.data == b"\0"
-
-
 def test_another_board_is_not_the_one_of_the_eds():
     findings = check(device("skin-patch-8bit"), "skin-patch")
     assert {"identity", "PDO parameters", "readings"} <= fails(findings)
@@ -124,91 +117,16 @@ def test_nobody_there_fails_and_ends():
     assert fails(findings) >= {"boot-up", "identity", "heartbeat", "readings", "EMCY", "LSS", "storage"}
 
 
-class Sensing(Board):
-    """A board with noise and zeros of its own; after ``press`` a finger is on it."""
-
-    def __init__(self, fault=None):
-        super().__init__(device(), fault)
-        self.rng, self.pressure = np.random.default_rng(5), np.zeros(16)
-        self.zero = self.rng.integers(-60, 60, 16)
-
-    def press(self, text):
-        assert "press the board" in text
-        self.pressure = 9000.0 * np.exp(-0.5 * (np.arange(16) - 6.0) ** 2 / 4.0)
-
-    def step(self, now_ns, frames):
-        if any(frame.can_id in (0x080, 0x605) for frame in frames):
-            self.device.step(now_ns)
-            counts = (self.zero + self.pressure + self.rng.normal(0.0, 8.0, 16)).astype(np.int16)
-            self.device.image_view(0x6401, 1, 16)[:] = counts
-        return super().step(now_ns, frames)
-
-
-def nth(is_it, when, change):
-    """Change the frames of a kind whose number, from 0, is so."""
-    n = 0
-
-    def fault(frame):
-        nonlocal n
-        if not is_it(frame):
-            return frame
-        n += 1
-        return change(frame) if when(n - 1) else frame
-
-    return fault
-
-
-def is_last(frame):
-    return frame.can_id == 0x485
-
-
-def counts_of(change):
-    def fault(frame):
-        if not is_tpdo(frame) or len(frame.data) % 2:  # the check maps other objects, too
-            return frame
-        counts = np.frombuffer(frame.data, "<i2").astype(int)
-        return frame._replace(data=change(counts).astype("<i2").tobytes())
-
-    return fault
-
-
-def is_beat(frame):
-    return frame.can_id == 0x705 and not is_boot_up(frame)
-
-
-drop = lambda frame: None  # noqa: E731
-# what real firmware does wrong is in tests/firmware/mutants.txt
-DEFECTS = {
-    "shifted to the left": (lambda: Sensing(counts_of(lambda c: c << 1)), "pressed"),
-    "sign inverted": (lambda: Sensing(counts_of(lambda c: -c)), "pressed"),
-    "a TPDO dies after 700 SYNCs": (lambda: Sensing(nth(is_last, lambda k: k >= 700, drop)), "readings"),
-    "one SYNC in 300 missed": (lambda: Sensing(nth(is_tpdo, lambda k: k % 1200 < 4 <= k, drop)), "readings"),
-    "TPDOs out of order at times": (
-        lambda: Sensing(
-            nth(is_tpdo, lambda k: k % 400 == 4, lambda f: f._replace(t_ns=f.t_ns + 2 * NS_PER_MS))
-        ),
-        "readings",
-    ),
-    "lost heartbeats": (lambda: Sensing(nth(is_beat, lambda k: k % 50 == 49, drop)), "heartbeat under load"),
-    "a TPDO late once": (
-        lambda: Sensing(nth(is_last, lambda k: k == 900, lambda f: f._replace(t_ns=f.t_ns + 8 * NS_PER_MS))),
-        "readings",
-    ),
-    "a TPDO short once": (
-        lambda: Sensing(nth(is_last, lambda k: k == 900, lambda f: f._replace(data=bytes(6)))),
-        "readings",
-    ),
-}
-
-
+# what else firmware does wrong is in tests/firmware/mutants.txt
 @pytest.mark.slow
-@pytest.mark.parametrize(("make", "rule"), DEFECTS.values(), ids=DEFECTS)
-def test_planted_defect_is_named(make, rule):
-    board = make()
-    found = fails(check(board, n_syncs=2000, ask=board.press))
-    assert rule in found, found
+@pytest.mark.parametrize(
+    ("is_late", "ms"), [(lambda k: k % 400 == 4, 2), (lambda k: k == 3603, 8)], ids=["out of order", "once"]
+)
+def test_tpdos_that_are_late_at_times_are_named(is_late, ms):
+    number = itertools.count()
 
+    def late(frame):
+        later_ms = ms if frame.can_id in (0x185, 0x285, 0x385, 0x485) and is_late(next(number)) else 0
+        return frame._replace(t_ns=frame.t_ns + later_ms * NS_PER_MS)
 
-def test_a_board_that_senses_passes():
-    board = Sensing()
-    assert fails(check(board, n_syncs=500, ask=board.press)) == set()
+    assert "readings" in fails(check(Board(device(), late), n_syncs=2000))
