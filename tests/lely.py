@@ -31,3 +31,9 @@ def dcfchk(source, folder, node_id=5):
     """Run lely's checker on a copy of a file; return what came of it."""
     command = [sys.executable, "-m", "dcf.cli", "-n", str(node_id)]
     return subprocess.run([*command, for_lely(source, folder)], capture_output=True, text=True, check=False)
+
+
+def assert_clean(source, folder):
+    """Hold a file against lely's checker."""
+    run = dcfchk(source, folder)
+    assert (run.returncode, run.stderr) == (0, "")

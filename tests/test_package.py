@@ -1,11 +1,10 @@
 """The top of the package: what it offers, and that asking for it costs nothing before it is used."""
 
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
 import skinbus
+from tests.run_in_process import run_code
 
 PROMISED = """
 Skin Cycle Contact Patch Readings SkinbusError ConfigError AddressError ArgumentError BusError ShareError
@@ -23,8 +22,7 @@ def test_import_and_dir_load_nothing_heavy():
     code = (
         "import sys, skinbus; dir(skinbus); print({'numpy', 'numba', 'can', 'pydantic'} & set(sys.modules))"
     )
-    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert answer.stdout == "set()\n"
+    assert run_code(code) == "set()"
 
 
 ROOT = Path(__file__).parents[1]

@@ -23,11 +23,9 @@ class FakeBus(Bus):
         self.arrivals = []
         self.outage = None
         self.sent = []
-        self.n_open = 0
         self.is_open = False
 
     def open(self):
-        self.n_open += 1
         self.check("cannot be opened")
         self.is_open = True
         return self

@@ -5,13 +5,12 @@ import pytest
 from skinbus.bus.socketcan_babble import BacklogDrops
 from skinbus.can.error_frames import FaultWatch
 from skinbus.can.event import EventKind
+from tests.files import put
 
 
 @pytest.fixture
 def statistic(tmp_path):
-    file = tmp_path / "rx_dropped"
-    file.write_text("4711\n")
-    return file
+    return put(tmp_path, "rx_dropped", "4711\n")
 
 
 def test_a_counter_that_begins_anew_or_cannot_be_read_takes_nothing_back(statistic, tmp_path):

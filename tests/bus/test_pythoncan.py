@@ -93,16 +93,9 @@ def test_interface_that_cannot_be_opened_says_what_to_do(monkeypatch, error, adv
 class Scripted:
     """Stands in for python-can's bus: each send takes the next outcome."""
 
-    def __init__(self, outcomes, heard=()):
+    def __init__(self, outcomes):
         self.outcomes = list(outcomes)
-        self.heard = list(heard)
         self.sent = []
-
-    def recv(self, timeout=None):
-        outcome = self.heard.pop(0) if self.heard else None
-        if isinstance(outcome, Exception):
-            raise outcome
-        return outcome
 
     def send(self, message, timeout=None):
         outcome = self.outcomes.pop(0) if self.outcomes else None
@@ -123,8 +116,8 @@ FULL = can.CanOperationError("Failed to transmit: No buffer space available", er
 
 @pytest.fixture
 def scripted(monkeypatch):
-    def make(*outcomes, heard=()):
-        fake = Scripted(outcomes, heard)
+    def make(*outcomes):
+        fake = Scripted(outcomes)
         monkeypatch.setattr(can, "Bus", lambda **settings: fake)
         return fake, PythonCanBus("socketcan", "can0")
 

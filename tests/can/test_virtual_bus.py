@@ -112,13 +112,13 @@ def test_detached_port_neither_hears_nor_speaks_until_it_is_plugged_in_again():
     assert len(speaker.heard) == 1
 
 
-def collide(*bodies, n=1, gap_ns=SECOND_NS):
+def collide(*bodies, n=1):
     """Ports that send identifier 0x181 with the given data at the same instants, n times."""
     listener = Talker()
     wire = VirtualBus()
-    ports = [wire.attach(Talker([(k * gap_ns, Frame(0x181, body)) for k in range(n)])) for body in bodies]
+    ports = [wire.attach(Talker([(k * SECOND_NS, Frame(0x181, body)) for k in range(n)])) for body in bodies]
     wire.attach(listener)
-    wire.run(n * gap_ns)
+    wire.run(n * SECOND_NS)
     return wire, ports, listener.heard
 
 

@@ -1,13 +1,11 @@
 """The command line as a stranger meets it."""
 
-import subprocess
-import sys
-
 import pytest
 
 from skinbus import estimate
 from skinbus.cli import COMMANDS, SUBCOMMANDS, options
 from tests.cli.invoke import run
+from tests.run_in_process import run_code
 
 
 def test_help_lists_every_command():
@@ -23,8 +21,7 @@ def test_help_imports_nothing_heavy():
         "heavy = ('numpy', 'numba', 'scipy', 'can', 'canopen', 'rich', 'pydantic');"
         "print([m for m in heavy if m in sys.modules])"
     )
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert out.stdout.strip() == "[]"
+    assert run_code(code) == "[]"
 
 
 def test_levels_of_the_command_line_are_those_of_the_estimator():

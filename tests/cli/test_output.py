@@ -8,6 +8,7 @@ from textwrap import dedent
 import pytest
 
 from skinbus.cli import output
+from tests.files import put
 
 HELP = "from skinbus import cli; sys.argv[1:] = ['--help']; cli.main()"
 RICH = """
@@ -28,7 +29,7 @@ def python(code, stdout=subprocess.PIPE):
 def test_a_new_file_is_not_left_behind_by_the_question_whether_it_can_be_written(tmp_path):
     output.try_to_write(tmp_path / "new.json")
     assert not list(tmp_path.iterdir())
-    (tmp_path / "old.json").write_text("old")
+    put(tmp_path, "old.json", "old")
     output.try_to_write(tmp_path / "old.json")
     assert (tmp_path / "old.json").read_text() == "old"
 

@@ -11,6 +11,7 @@ from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError
 from skinbus.estimate.calibration.table import Press
 from skinbus.model import Arm
+from tests.files import put
 from tests.two_buses import two_buses
 
 
@@ -41,7 +42,7 @@ READ = ("node_id", "s_mm", "a_mm", "force_n", *(f"p{k + 1}" for k in range(16)))
 def patches(tmp_path, second, rows, columns=(*READ, "bus")):
     """The patches of rows (node-ID, bus) in a file, of which ``columns`` are written."""
     arm = two_buses(("upper", 1, 25.0), ("grip", second, 76.0), names=("upper", "grip"))
-    (tmp_path / "arm.toml").write_text(arm)
+    put(tmp_path, "arm.toml", arm)
     with (tmp_path / "presses.csv").open("w", newline="") as file:
         table = csv.DictWriter(file, columns, extrasaction="ignore")
         table.writeheader()

@@ -11,6 +11,7 @@ from skinbus.can.frame import Frame
 from skinbus.cli import main
 from skinbus.config.arm_file import find_arm
 from skinbus.objects.eds import find_eds
+from tests.files import put
 from tests.gateway.doubles import write_scene
 from tests.objects.test_module_board import EIGHT_INPUTS
 
@@ -188,7 +189,7 @@ def here(tmp_path, monkeypatch, field):
         "field.log": field.read_text(),
     }
     for name, text in files.items():
-        (tmp_path / name).write_text(text)
+        put(tmp_path, name, text)
     (tmp_path / "binary").write_bytes(bytes(range(256)) * 1000)
     for name in ("link.csv", "link.mcap"):
         (tmp_path / name).symlink_to("my.toml")

@@ -6,6 +6,7 @@ import pytest
 
 from skinbus.config.arm_file import read_arm_file
 from skinbus.model import BusSettings
+from tests.files import put
 
 TEXT = """
 [arm]
@@ -48,9 +49,7 @@ angle_deg = 45
 
 
 def read(tmp_path, text):
-    path = tmp_path / "x.toml"
-    path.write_text(text)
-    return read_arm_file(path)
+    return read_arm_file(put(tmp_path, "x.toml", text))
 
 
 def test_everything_in_the_file_is_read_in_si_units(tmp_path):

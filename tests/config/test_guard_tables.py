@@ -7,9 +7,9 @@ import pytest
 
 from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm, ods_of
-from skinbus.errors import ConfigError
 from skinbus.model.law import DEFAULT_LAW
 from skinbus.objects.guard import liveness_pdo
+from tests.files import faults_of, put
 
 ARM = """
 [arm]
@@ -65,9 +65,7 @@ source = "a test"
 
 
 def load(tmp_path, text):
-    path = tmp_path / "arm.toml"
-    path.write_text(ARM + GUARD + text)
-    return load_arm(path)
+    return load_arm(put(tmp_path, "arm.toml", ARM + GUARD + text))
 
 
 def region(name, keys):
@@ -75,9 +73,7 @@ def region(name, keys):
 
 
 def faults(tmp_path, text):
-    with pytest.raises(ConfigError) as caught:
-        load(tmp_path, text)
-    return [str(fault) for fault in caught.value.faults]
+    return faults_of(load, tmp_path, text)
 
 
 def test_the_guard_is_read_in_si_units(tmp_path):
@@ -89,11 +85,6 @@ def test_the_guard_is_read_in_si_units(tmp_path):
     assert (whole.name, whole.source, whole.force, whole.pressure) == ("all", "a test", 100.0, 50e3)
     assert whole.transient_factor == 2.0
     assert whole.tactels.all()
-
-
-def test_an_arm_without_the_table_has_no_guard():
-    assert load_arm("pad").guard is None
-    assert load_arm("pad").with_rate(20.0).guard is None
 
 
 @pytest.mark.parametrize(
@@ -161,11 +152,12 @@ def test_faults_of_all_regions_are_said_at_once(tmp_path):
 
 
 def test_values_are_checked_with_the_rest_of_the_file(tmp_path):
-    path = tmp_path / "arm.toml"
-    path.write_text(
+    path = put(
+        tmp_path,
+        "arm.toml",
         ARM
         + "[guard]\nliveness_ms = 0\nsamples = [3, 2]\n[[guard.region]]\nname = 'a'\nforce_n = -1\n"
-        + "s_mm = [5, 4]\ntransient_factor = 0.5\nforce = 5\n"
+        + "s_mm = [5, 4]\ntransient_factor = 0.5\nforce = 5\n",
     )
     wanted = {fault.key: fault.wanted for fault in read_arm_file(path).faults}
     region_keys = {

@@ -1,27 +1,19 @@
 """Arm files with meshes: boards laid by point and direction; every fault at once."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
 from skinbus.config.system import load_arm
-from skinbus.errors import ConfigError
 from skinbus.model import Surface, grid
+from tests.files import faults_of
 from tests.robot.mesh_arms import TUBE_ARM as ARM
 from tests.robot.mesh_arms import write_tube as write
+from tests.run_in_process import run_code
 
 pytest.importorskip("potpourri3d", reason="extra skinbus[mesh]")
 
 CYLINDRIC = 'surface = "cylinder"\nradius_mm = 40\nlength_mm = 140'
 CYLINDER = Surface.cylinder(0.14, 0.04)
-
-
-def faults(path):
-    with pytest.raises(ConfigError) as caught:
-        load_arm(path)
-    return [str(fault) for fault in caught.value.faults]
 
 
 def test_boards_lie_where_the_file_says_whatever_the_unit_of_the_mesh(tmp_path):
@@ -39,18 +31,20 @@ def test_boards_lie_where_the_file_says_whatever_the_unit_of_the_mesh(tmp_path):
 
 def test_every_fault_of_boards_is_said_at_once(tmp_path):
     text = ARM.replace("xyz_mm = [70.0, 40.0, 0.0]", "xyz_mm = [70.0, 0.0, 90.0]")
-    (told,) = faults(write(tmp_path, text))
+    (told,) = faults_of(load_arm, write(tmp_path, text))
     assert told.startswith("patch[2].xyz_mm")
     assert "50.0 mm away" in told
 
 
 def test_keys_that_do_not_go_together_are_refused(tmp_path):
-    told = faults(write(tmp_path, ARM.replace('mesh = "tube.stl"', "radius_mm = 5")))
+    told = faults_of(load_arm, write(tmp_path, ARM.replace('mesh = "tube.stl"', "radius_mm = 5")))
     assert [line.partition(":")[0] for line in told] == ["link[1].mesh", "link[1].radius_mm"]
-    told = faults(write(tmp_path, ARM.replace("along = [0.0, 0.0, 1.0]", "s_mm = 3\nyaw_deg = 4")))
+    told = faults_of(
+        load_arm, write(tmp_path, ARM.replace("along = [0.0, 0.0, 1.0]", "s_mm = 3\nyaw_deg = 4"))
+    )
     assert [line.partition(":")[0] for line in told] == ["patch[2].s_mm", "patch[2].yaw_deg"]
     flat = ARM.replace('surface = "mesh"\nmesh = "tube.stl"\nunit_mm = 10', CYLINDRIC)
-    told = faults(write(tmp_path, flat))
+    told = faults_of(load_arm, write(tmp_path, flat))
     for key in ("patch[1].s_mm", "patch[1].xyz_mm", "patch[2].along"):
         assert any(line.startswith(key) for line in told), key
 
@@ -58,11 +52,11 @@ def test_keys_that_do_not_go_together_are_refused(tmp_path):
 def test_a_mesh_that_cannot_be_used_is_a_fault_of_the_arm_file(tmp_path):
     path = write(tmp_path, ARM)
     (tmp_path / "tube.stl").write_bytes(b"solid nothing")
-    (told,) = faults(path)
+    (told,) = faults_of(load_arm, path)
     assert told.startswith("link[1].mesh")
     assert "tube.stl" in told
     (tmp_path / "tube.stl").unlink()
-    (told,) = faults(path)
+    (told,) = faults_of(load_arm, path)
     assert "No such file" in told
 
 
@@ -72,5 +66,4 @@ def test_an_arm_without_a_mesh_loads_nothing_of_meshes():
         "import sys; from skinbus.config.system import load_arm; load_arm('forearm');"
         "print([m for m in sys.modules if m.startswith(('skinbus.robot', 'trimesh', 'potpourri3d'))])"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    assert run_code(code) == "[]"

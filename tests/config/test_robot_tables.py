@@ -8,6 +8,7 @@ import pytest
 from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError
+from tests.files import put
 
 ARM = """
 [arm]
@@ -44,9 +45,7 @@ fixed_mm = 250
 
 
 def read(tmp_path, text):
-    path = tmp_path / "x.toml"
-    path.write_text(text)
-    return read_arm_file(path)
+    return read_arm_file(put(tmp_path, "x.toml", text))
 
 
 def test_the_robot_is_read_in_si_units(tmp_path):
@@ -65,10 +64,6 @@ def test_the_robot_is_read_in_si_units(tmp_path):
     assert (elbow.fixed, elbow.is_linear) == (None, False)
     assert elbow.sd == pytest.approx(math.radians(0.1))
     assert (rail.fixed, rail.is_linear) == (0.25, True)
-
-
-def test_an_arm_without_a_robot_has_none():
-    assert load_arm("forearm").robot is None
 
 
 @pytest.mark.parametrize(

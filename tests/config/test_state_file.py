@@ -6,6 +6,7 @@ from contextlib import suppress
 import pytest
 
 from skinbus.config.state_file import VERSION, StateFile
+from tests.files import put
 
 OLD = {"patches": {"/1": {"zero_Pa": [1.0, -2.5]}}, "contacts": [], "last_id": 3}
 NEW = OLD | {"last_id": 4}
@@ -96,8 +97,7 @@ def test_a_folder_that_is_gone_leaves_no_half_file(tmp_path):
 
 
 def test_no_link_is_followed(two):
-    target = two.path.parent / "target"
-    target.write_text("theirs")
+    target = put(two.path.parent, "target", "theirs")
     two.path.with_name(f".state.{os.getpid()}.tmp").symlink_to(target)
     with pytest.raises(OSError, match=r"symbolic|levels"):
         two.save(OLD)

@@ -12,6 +12,7 @@ from skinbus.objects import cia
 from skinbus.objects.bus_load import MAX_LOAD, cyclic_load
 from skinbus.objects.dcf import download_plan
 from skinbus.objects.eds import find_eds
+from tests.files import put
 
 SHIPPED = {
     "pad": (1, 16, 16),
@@ -47,9 +48,7 @@ LINK = '[[link]]\nname = "tube"\nsurface = "plane"\nlength_mm = 1.0\nwidth_mm = 
 
 
 def load(tmp_path, text):
-    path = tmp_path / "arm.toml"
-    path.write_text(text)
-    return load_arm(path)
+    return load_arm(put(tmp_path, "arm.toml", text))
 
 
 def faults(tmp_path, text):
@@ -269,8 +268,10 @@ def test_empty_file_asks_for_links_and_patches(tmp_path):
 
 
 def test_eds_path_is_relative_to_the_arm_file(tmp_path):
-    (tmp_path / "mine.eds").write_text(
-        find_eds("skin-patch").read_text().replace("DefaultValue=1000\n", "DefaultValue=1500\n")
+    put(
+        tmp_path,
+        "mine.eds",
+        find_eds("skin-patch").read_text().replace("DefaultValue=1000\n", "DefaultValue=1500\n"),
     )
     arm = load(tmp_path, GOOD.replace("s_mm = 30.0", 's_mm = 30.0\neds = "mine.eds"'))
     assert arm.patches[0].patch.threshold == 1500.0
@@ -325,21 +326,17 @@ def test_patches_come_bus_after_bus_and_node_ids_may_repeat(tmp_path):
 
 @pytest.mark.slow
 def test_ten_faults_of_a_kind_are_listed_and_the_others_counted(tmp_path):
-    path = tmp_path / "arm.toml"
-    path.write_text("".join(f"k{i} = 1\n" for i in range(30_000)))
     with pytest.raises(ConfigError) as caught:
-        load_arm(path)
+        load_arm(put(tmp_path, "arm.toml", "".join(f"k{i} = 1\n" for i in range(30_000))))
     said = str(caught.value)
     assert "and 29990 more like these" in said
     assert len(said) < 3000
 
 
 def test_a_file_that_is_no_eds_is_not_quoted(tmp_path):
-    (tmp_path / "shadow").write_text("root:$6$secret:19000:0:99999:7:::\n[x]\npassword=secret\n")
-    path = tmp_path / "arm.toml"
-    path.write_text(find_arm("pad").read_text().replace('"skin-patch"', '"./shadow"'))
+    put(tmp_path, "shadow", "root:$6$secret:19000:0:99999:7:::\n[x]\npassword=secret\n")
     with pytest.raises(ConfigError) as caught:
-        load_arm(path)
+        load_arm(put(tmp_path, "arm.toml", find_arm("pad").read_text().replace('"skin-patch"', '"./shadow"')))
     assert "an EDS or DCF" in str(caught.value)
     assert "secret" not in str(caught.value)
 

@@ -7,6 +7,7 @@ import pytest
 
 from skinbus.config.toml_file import MAX_BYTES, find_toml, names_in, read_toml
 from skinbus.errors import ConfigError
+from tests.files import put
 
 
 @pytest.fixture
@@ -14,7 +15,7 @@ def shipped(tmp_path):
     folder = tmp_path / "shipped"
     folder.mkdir()
     for name in ("two-words", "one"):
-        (folder / f"{name}.toml").write_text("x = 1\n")
+        put(folder, f"{name}.toml", "x = 1\n")
     return folder
 
 
@@ -70,10 +71,8 @@ def test_fault_says_its_place(tmp_path, content, said):
     ids=["arrays", "tables", "dotted", "quoted", "digits", "size"],
 )
 def test_what_would_take_for_ever_is_refused_at_once(tmp_path, content, said):
-    path = tmp_path / "x.toml"
-    path.write_text(content)
     with pytest.raises(ConfigError, match=said) as caught:
-        read_toml(path)
+        read_toml(put(tmp_path, "x.toml", content))
     assert len(str(caught.value)) < 1000
 
 

@@ -12,6 +12,7 @@ from skinbus.master.commissioning.patch_check import RULES, Grade, PatchCheck
 from skinbus.node.context import NS_PER_MS
 from skinbus.node.layout import ImageLayout
 from skinbus.objects.eds import load_eds
+from tests.files import put
 from tests.firmware.firmware_device import EMPTY, FLAGS, PORT, Code, FirmwareDevice
 
 NODE = 5
@@ -61,8 +62,7 @@ class Workshop:
         source = self.folder / "core" / mutant.file
         text = source.read_text()
         assert text.count(mutant.old) == 1, f"{mutant.name}: {text.count(mutant.old)} places"
-        own = self.folder / f"mutant-{self.n}.c"
-        own.write_text(text.replace(mutant.old, mutant.new))
+        own = put(self.folder, f"mutant-{self.n}.c", text.replace(mutant.old, mutant.new))
         others = [self.folder / f"{s.stem}.o" for s in self.sources if s != source]
         library = own.with_suffix(".so")
         self.run(*self.compile, "-shared", own, *others, "-o", library)

@@ -6,28 +6,24 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
-from skinbus.cli.commands.board import command
 from skinbus.firmware import write_project
 from skinbus.node import Device
 from skinbus.objects.eds import eds_names, find_eds, load_eds
 from skinbus.objects.eds_text import EdsText
 from skinbus.objects.guard import GFC_ID
+from tests.cli.invoke import run
+from tests.files import put
 from tests.firmware.firmware_device import EMPTY, FLAGS, FirmwareDevice, code_of
 from tests.firmware.mutants import SensingFirmware, broken_rules
 from tests.firmware.traffic import Traffic
+from tests.marks import slow
 
 NODE = 5
 BOARDS = [name for name in eds_names() if name.startswith("skin-patch")]
 READING = {name: 0x6400 if name.endswith(("8bit", "8x8")) else 0x6401 for name in BOARDS}
-
-
-def is_block(frame):
-    """Whether a frame begins or goes on with a block transfer, which the firmware does not have."""
-    return frame.can_id == 0x600 + NODE and frame.data[:1] and frame.data[0] >> 5 in (5, 6)
 
 
 def board(eds="skin-patch", **options):
@@ -79,14 +75,15 @@ def run_both(eds, seed, n_steps):
         if frame.can_id == 0x80 and not frame.flags:
             for view in readings:
                 view[us % 16] = us % 127
-        step([] if is_block(frame) else [frame._replace(t_ns=now_ns)])
+        is_block = frame.can_id == 0x600 + NODE and frame.data[:1] and frame.data[0] >> 5 in (5, 6)
+        step([] if is_block else [frame._replace(t_ns=now_ns)])
         assert pair[0].cob_ids == pair[1].cob_ids
         if pair[0].node_id != NODE:
             return
 
 
 @pytest.mark.parametrize("eds", BOARDS)
-@pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2, 12), marks=pytest.mark.slow)], ids=str)
+@pytest.mark.parametrize("seeds", [range(2), *slow(range(2, 12))], ids=str)
 def test_firmware_answers_as_the_simulated_patch(eds, seeds):
     for seed in seeds:
         run_both(eds, seed, 1000 if seed > 1 else 200)
@@ -100,7 +97,7 @@ def test_age_of_a_sample_is_sent_with_it():
     assert frame.data[32:36] == struct.pack("<BBH", 0, 0, 123)
 
 
-@pytest.mark.parametrize("n_frames", [10_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_frames", [10_000, *slow(1_000_000)])
 def test_random_frames_do_no_harm(tmp_path, n_frames):
     write_project("skin-patch-fd32", tmp_path)
     sources = [*tmp_path.glob("core/*.c"), tmp_path / "board.c"]
@@ -130,7 +127,7 @@ def booted(flash, **options):
     return device
 
 
-@pytest.mark.parametrize("n_losses", [100, pytest.param(1000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_losses", [100, *slow(1000)])
 def test_loss_of_power_while_storing_leaves_the_old_parameters_or_the_new(n_losses):
     """Also within a word and within an erasing; and whatever was lost, the next store is whole."""
     rng = random.Random(3)
@@ -166,8 +163,7 @@ def test_parameters_of_another_program_are_not_taken_but_its_node_id_is():
 
 def test_board_of_ones_own_keeps_every_rule(tmp_path):
     eds = str(tmp_path / "own.eds")
-    made = CliRunner().invoke(command, ["new", "--grid", "6x6", "--pitch-mm", "8", "--out", eds])
-    assert not made.exit_code, made.output
+    run("board", "new", "--grid", "6x6", "--pitch-mm", "8", "--out", eds)
     assert broken_rules(board(eds), eds, n_syncs=50) == {}
 
 
@@ -179,25 +175,25 @@ def test_board_with_few_objects_builds_and_keeps_every_rule(tmp_path):
     mandatory = ("1000", "1001", "1018")
     eds.list_objects("OptionalObjects", [n for n in objects if n[0] in "16" and n not in mandatory])
     eds.list_objects("ManufacturerObjects", [name for name in objects if name[0] == "2"])
-    path = tmp_path / "few.eds"
-    path.write_text(eds.text())
+    path = put(tmp_path, "few.eds", eds.text())
     assert broken_rules(board(str(path)), str(path), n_syncs=50) == {}
 
 
-def test_project_builds_as_it_is_written(tmp_path):
-    done = CliRunner().invoke(command, ["firmware", "skin-patch", "--out", str(tmp_path / "own")])
-    assert not done.exit_code, done.output
-    make = ["make", "-s", "-C", tmp_path / "own", "socketcan", "skeleton"]
+def assert_builds(project):
+    make = ["make", "-s", "-C", project, "socketcan", "skeleton"]
     built = subprocess.run(make, capture_output=True, text=True)
     assert (built.returncode, built.stderr) == (0, "")
 
 
+def test_project_builds_as_it_is_written(tmp_path):
+    run("board", "firmware", "skin-patch", "--out", tmp_path / "own")
+    assert_builds(tmp_path / "own")
+
+
 def test_project_is_written_again_but_never_over_other_files(tmp_path):
-    (tmp_path / "Makefile").write_text("mine")
-    words = ["firmware", "skin-patch", "--out"]
-    refused = CliRunner().invoke(command, [*words, str(tmp_path)])
-    assert refused.exit_code == 2
-    assert "holds other files" in refused.output
+    put(tmp_path, "Makefile", "mine")
+    words = ["board", "firmware", "skin-patch", "--out"]
+    assert "holds other files" in run(*words, tmp_path, status=2)
     assert (tmp_path / "Makefile").read_text() == "mine"
-    twice = [CliRunner().invoke(command, [*words, str(tmp_path / "own")]).exit_code for _ in range(2)]
-    assert twice == [0, 0]
+    for _ in range(2):
+        run(*words, tmp_path / "own")

@@ -5,13 +5,14 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from skinbus.cli.commands.board import command
 from skinbus.config.arm_file import find_arm
 from skinbus.firmware import write_relay
 from skinbus.objects.guard import GFC_ID
+from tests.cli.invoke import run
+from tests.files import put
 from tests.firmware.firmware_device import WARNINGS
+from tests.firmware.test_firmware import assert_builds
 
 PATCHES = [0x501, 0x505, 0x6B7]
 SILENT_US = 50_000
@@ -106,11 +107,7 @@ def test_gfc_opens_it_for_ever_and_keeps_it_open(relay, is_closed):
 
 
 def test_project_of_an_arm_builds_as_it_is_written(tmp_path):
-    arm = tmp_path / "arm.toml"
-    arm.write_text(find_arm("pad").read_text() + GUARD)
-    done = CliRunner().invoke(command, ["firmware", "--relay", str(arm), "--out", str(tmp_path / "own")])
-    assert not done.exit_code, done.output
-    assert "1 patch, open after 50 ms of silence" in done.output
-    make = ["make", "-s", "-C", tmp_path / "own", "socketcan", "skeleton"]
-    built = subprocess.run(make, capture_output=True, text=True)
-    assert (built.returncode, built.stderr) == (0, "")
+    arm = put(tmp_path, "arm.toml", find_arm("pad").read_text() + GUARD)
+    said = run("board", "firmware", "--relay", arm, "--out", tmp_path / "own")
+    assert "1 patch, open after 50 ms of silence" in said
+    assert_builds(tmp_path / "own")

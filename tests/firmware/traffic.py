@@ -18,6 +18,9 @@ COMMANDS = (1, 1, 1, 2, 128, 128, 129, 130, 3)
 BLOCKS = ("A1", "A3", "A3", "A20002", "A20102", "A20202", "C1", "C5", "80", "01" * 8, "02" * 8, "82" * 8)
 """How a block transfer goes on: commands, and segments by their numbers."""
 SIGNATURES = (b"save", b"load", b"evas")
+WEIGHTS = {"limits": 2, "sync": 6, "read": 3, "write": 8, "configure": 3, "segment": 2, "nmt": 2}
+WEIGHTS |= dict.fromkeys(("lss", "heartbeat", "guarding", "rpdo", "store", "junk"), 1)
+"""How often each kind comes."""
 
 
 class Traffic:
@@ -35,22 +38,7 @@ class Traffic:
         self.parameters = [e for e in self.entries if 0x1000 < e.index < 0x1F00 and e.writable]
         self.n_tactels = sum(len(layout.subs(i)) for i in READINGS if i in layout.indices)
         self.left = []
-        self.kinds = (
-            *[self.limits] * 2,
-            *[self.sync] * 6,
-            *[self.read] * 3,
-            *[self.write] * 8,
-            *[self.configure] * 3,
-            self.segment,
-            self.segment,
-            *[self.nmt] * 2,
-            self.lss,
-            self.heartbeat,
-            self.guarding,
-            self.rpdo,
-            self.store,
-            self.junk,
-        )
+        self.kinds = tuple(getattr(self, kind) for kind, n in WEIGHTS.items() for _ in range(n))
 
     def __iter__(self):
         while True:

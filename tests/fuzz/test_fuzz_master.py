@@ -17,6 +17,7 @@ from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 from tests.fuzz.feeding import feed
+from tests.marks import slow
 from tests.run_in_process import run_in_process
 
 ABSENT, BOOTING, WRONG, OPERATIONAL, SILENT = list(PatchState)[1:]
@@ -145,9 +146,8 @@ def is_booting_again(master, now_ns):
     return False
 
 
-@pytest.mark.parametrize("n_frames", [1_500, pytest.param(40_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_frames", [1_500, *slow(40_000)])
 def test_random_frames_break_nothing(n_frames):
-    print(f"seed {SEED}")
     n_sent, kinds = run_in_process(fuzz, n_frames)
     assert n_sent > n_frames // 10
     if n_frames < 40_000:

@@ -12,6 +12,7 @@ from skinbus.objects.cia import NmtCommand, NmtState
 from skinbus.objects.eds import load_eds
 from tests.firmware.traffic import Traffic
 from tests.fuzz.feeding import feed
+from tests.marks import slow
 from tests.run_in_process import run_in_process
 
 SEED = 20260101
@@ -64,10 +65,9 @@ def fuzz(which, n_frames):
     return sent, device.dropped, n_resets
 
 
-@pytest.mark.parametrize("n_frames", [5_000, pytest.param(20_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_frames", [5_000, *slow(20_000)])
 @pytest.mark.parametrize("which", DEVICES)
 def test_random_frames_break_nothing(which, n_frames):
-    print(f"seed {SEED}")
     n_sent, n_dropped, n_resets = run_in_process(fuzz, which, n_frames)
     assert n_sent > n_frames // 50
     assert n_dropped > n_frames // 500

@@ -16,6 +16,7 @@ from skinbus.estimate import Quality
 from skinbus.master import Master
 from skinbus.objects import cia
 from skinbus.sim import World, load_scene
+from tests.files import put
 from tests.master.misbehaving import Delayed
 from tests.master.misbehaving_rig import TPDO_OF
 from tests.master.rig import MS
@@ -69,9 +70,8 @@ def write_scene(folder, rng):
             here, there = rng.uniform(-8.0, 8.0, (2, 2)) + np.array([s_mm, 0.0])
             text += TOUCH.format(begin, end, *here, *there, rng.uniform(3.0, 10.0))
             begin = end + rng.uniform(0.6, 1.2)
-    (folder / "arm.toml").write_text(arm)
-    (folder / "scene.toml").write_text(text)
-    return folder / "scene.toml"
+    put(folder, "arm.toml", arm)
+    return put(folder, "scene.toml", text)
 
 
 def plans_of(rng):
@@ -189,7 +189,6 @@ def is_true(contacts, c, now, before):
 
 @pytest.mark.slow
 def test_boards_that_misbehave_make_no_wrong_contact_and_cost_healthy_ones_nothing(tmp_path):
-    print("seed", SEED)
     rng, n, violations, cycles = np.random.default_rng(SEED), Counter(), [], [BOOT_NS]
 
     def check(report):
@@ -218,7 +217,6 @@ def test_boards_that_misbehave_make_no_wrong_contact_and_cost_healthy_ones_nothi
     wire.attach(boards)
     wire.attach(master)
     wire.run(EPISODE_NS)
-    print(n, violations)
     assert n["healthy fresh"] >= 0.999 * n["periods"] > 0
     assert n["false alarms"] == 0
     assert not violations

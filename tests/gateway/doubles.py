@@ -8,6 +8,7 @@ from skinbus.model.patch import grid
 from skinbus.objects.new_board import NewBoard
 from skinbus.sim import load_scene
 from skinbus.sim.sampler import Sampler
+from tests.files import put
 
 
 def frame_of(part, raw, kind):
@@ -71,7 +72,7 @@ def write_scene(folder, addresses, columns, rows, *, bits=9, touches=""):
     pitch_mm = 6.5
     uv = 1e-3 * grid(columns, rows, pitch_mm)
     board = NewBoard(name="board.eds", tactels_uv=uv, pitch=1e-3 * pitch_mm, bits=bits)
-    (folder / "board.eds").write_text(board.text())
+    put(folder, "board.eds", board.text())
     width_mm = columns * pitch_mm + 1.5
     text = f"""[arm]
 name = "plate"
@@ -90,6 +91,7 @@ s_mm = {(k + 0.5) * width_mm}
 eds = "board.eds"
 address = "{address}"
 """
-    (folder / "plate.toml").write_text(text)
-    (folder / "scene.toml").write_text(f'[scene]\narm = "plate.toml"\nduration_s = 1000.0\n{touches}')
-    return load_scene(folder / "scene.toml")
+    put(folder, "plate.toml", text)
+    return load_scene(
+        put(folder, "scene.toml", f'[scene]\narm = "plate.toml"\nduration_s = 1000.0\n{touches}')
+    )

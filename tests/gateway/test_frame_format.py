@@ -10,6 +10,7 @@ from skinbus.can.frame import EXTENDED, RTR, Frame
 from skinbus.errors import ArgumentError, ConfigError
 from skinbus.gateway.frame_format import FORMATS, format_names, load_format
 from skinbus.gateway.receiver import Receiver
+from tests.files import put
 from tests.gateway.doubles import frame_of
 
 
@@ -183,7 +184,5 @@ def test_an_address_that_the_format_has_not_is_refused(address):
 def test_a_wrong_format_is_refused_with_the_key(tmp_path, old, new, message):
     written = (FORMATS / "icub-mtb4.toml").read_text()
     assert old in written
-    path = tmp_path / "mine.toml"
-    path.write_text(written.replace(old, new))
     with pytest.raises(ConfigError, match=message):
-        load_format(path)
+        load_format(put(tmp_path, "mine.toml", written.replace(old, new)))

@@ -11,6 +11,7 @@ from skinbus.gateway.frame_format import load_format
 from skinbus.gateway.gateway import Gateway
 from skinbus.master import Master
 from tests.gateway.doubles import Double, write_scene
+from tests.master.rig import since
 
 MS = 1_000_000
 S_MM, A_MM, FORCE_N = 52.0, 1.0, 4.0
@@ -44,9 +45,8 @@ class Rig:
 
     def run(self, ms):
         """Let time pass; return the cycles and the events of the master and of the gateway in that time."""
-        start = len(self.reports), len(self.events), len(self.said)
-        self.wires.run(self.wires.clock.now_ns() + round(ms * MS))
-        return self.reports[start[0] :], self.events[start[1] :], self.said[start[2] :]
+        until_ns = self.wires.clock.now_ns() + round(ms * MS)
+        return since(lambda: self.wires.run(until_ns), self.reports, self.events, self.said)
 
 
 def is_right(contacts):

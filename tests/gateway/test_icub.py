@@ -13,6 +13,7 @@ from skinbus.gateway.frame_format import load_format
 from skinbus.gateway.gateway import Gateway
 from skinbus.gateway.icub import TACTELS, read_positions
 from skinbus.model import Surface
+from tests.files import put
 from tests.robot.meshes import tube
 
 PITCH = 6.5e-3
@@ -52,9 +53,10 @@ def text(rows, of=None):
 
 
 def imported(folder, content, *args):
-    file = folder / "positions.txt"
-    file.write_text(content)
-    return CliRunner().invoke(group, ["board", "import", str(file), "--out", str(folder / "out"), *args])
+    return CliRunner().invoke(
+        group,
+        ["board", "import", str(put(folder, "positions.txt", content)), "--out", str(folder / "out"), *args],
+    )
 
 
 SURFACES = [Surface.cylinder(0.2, 0.045), Surface.cylinder(0.2, 0.3), Surface.plane(0.2, 0.2)]
@@ -99,8 +101,7 @@ def test_rows_that_repeat_another_one_are_no_tactels(tmp_path, row):
     rows = table(SURFACES[0])
     of = np.arange(len(rows))
     of[row] = row + 1
-    (tmp_path / "p.txt").write_text(text(rows, of))
-    healthy = read_positions(tmp_path / "p.txt").healthy
+    healthy = read_positions(put(tmp_path, "p.txt", text(rows, of))).healthy
     assert not healthy[row // 12, 0]
     assert healthy.sum() == rows.any(axis=1).sum() - 1
 

@@ -2,7 +2,8 @@
 
 from skinbus.can.event import Event, EventKind
 from skinbus.can.virtual_buses import VirtualBuses
-from tests.master.rig import MS, Rig
+from tests.files import put
+from tests.master.rig import MS, Rig, since
 from tests.two_buses import two_buses
 
 LEFT, RIGHT = 0, 1
@@ -33,11 +34,9 @@ ON_LEFT, ON_RIGHT, ON_SEAM = (20.0, -8.0), (90.0, 8.0), (54.0, 1.0)
 
 def write_scene(folder, touches, arm=ARM):
     """Write the arm and a scene with touches at (s, a) mm; the path of the scene."""
-    (folder / "arm.toml").write_text(arm)
-    scene = SCENE.format(arm=folder / "arm.toml")
+    scene = SCENE.format(arm=put(folder, "arm.toml", arm))
     scene += "".join(TOUCH.format(s_mm=s, a_mm=a) for s, a in touches)
-    (folder / "scene.toml").write_text(scene)
-    return folder / "scene.toml"
+    return put(folder, "scene.toml", scene)
 
 
 class BusesRig(Rig):
@@ -60,10 +59,10 @@ class BusesRig(Rig):
 
     def run(self, ms):
         """Let bus time pass; return the cycles, the events and the frames by bus of that time."""
-        start = len(self.reports), len(self.events), [len(frames) for frames in self.frames]
-        self.wires.run(self.now_ns + round(ms * MS))
-        new = [frames[n:] for frames, n in zip(self.frames, start[2], strict=True)]
-        return self.reports[start[0] :], self.events[start[1] :], new
+        until_ns = self.now_ns + round(ms * MS)
+        kept = self.reports, self.events, *self.frames
+        reports, events, *frames = since(lambda: self.wires.run(until_ns), *kept)
+        return reports, events, frames
 
     def lose(self, bus):
         """Pull the master's plug out of a bus."""

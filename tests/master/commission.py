@@ -2,6 +2,8 @@
 
 from skinbus.can.event import EventKind
 from skinbus.can.virtual_bus import VirtualBus
+from skinbus.config.system import load_arm
+from skinbus.master import Master
 from skinbus.node import Device
 from skinbus.objects.eds import load_eds
 
@@ -25,6 +27,13 @@ class Bench:
         self.wire.tap(self.frames.append)
         self.ports = [self.wire.attach(core) for core in cores]
         self.pass_ms(10)
+
+    def start(self, **settings):
+        """Start a master of the arm "pad", whose events and cycles are kept; return it."""
+        self.events, self.reports = [], []
+        master = Master(load_arm("pad"), **{"on_cycle": self.reports.append, **settings})
+        self.wire.attach(master, on_event=self.events.append)
+        return master
 
     def pass_ms(self, ms):
         self.wire.run(self.wire.now_ns + round(ms * MS))

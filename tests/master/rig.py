@@ -13,6 +13,13 @@ READINGS = {0x180, 0x280, 0x380, 0x480}
 """COB-IDs of TPDO 1 to 4 of node 0."""
 
 
+def since(run, *kept):
+    """Run; return what has come to each of some lists meanwhile."""
+    before = [len(each) for each in kept]
+    run()
+    return [each[n:] for each, n in zip(kept, before, strict=True)]
+
+
 class Patches(Wrapped):
     """A world whose patches can be unplugged: what they send is lost, what is sent to them unheard.
 
@@ -92,9 +99,8 @@ class Rig:
 
     def run(self, ms):
         """Let bus time pass; return the cycles, events and frames of that time."""
-        start = len(self.reports), len(self.events), len(self.frames)
-        self.wire.run(self.wire.clock.now_ns() + round(ms * MS))
-        return self.reports[start[0] :], self.events[start[1] :], self.frames[start[2] :]
+        until_ns = self.wire.clock.now_ns() + round(ms * MS)
+        return since(lambda: self.wire.run(until_ns), self.reports, self.events, self.frames)
 
     def say(self, *frames):
         """Let somebody else send frames at once."""

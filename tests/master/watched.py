@@ -6,7 +6,7 @@ import numpy as np
 
 from skinbus.config.system import load_arm
 from skinbus.estimate import Baseline, Estimator, Plausibility, Tracker
-from skinbus.master.health import Health
+from skinbus.master.health import SETTLED, Health
 
 NS = 1_000_000_000
 
@@ -51,6 +51,11 @@ class Watched:
                     t_ns=self.t_ns, contacts=contacts, fresh=self.fresh, pressures=np.nan_to_num(pressures)
                 )
             )
+
+    def settle(self):
+        """Let the board be commissioned, with zeros of 600 Pa."""
+        self.zero[:] = 600.0
+        self.run(10 * SETTLED + 30)
 
     def tables(self):
         """What is kept."""

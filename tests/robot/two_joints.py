@@ -1,5 +1,7 @@
 """A pad on a robot of two joints, pressed by a finger: files that tests write."""
 
+from tests.files import put
+
 URDF = """<robot name="two"><link name="base"/><link name="upper"/><link name="plate"/>
 <joint name="first" type="revolute"><parent link="base"/><child link="upper"/>
   <origin xyz="0 0 0.3"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
@@ -26,6 +28,8 @@ s_mm = 25.0
 name = "second"
 fixed_deg = 30
 """
+FROM_PYTHON = ARM[: ARM.index("[[joint]]")]
+"""Both joints are set by a program."""
 SCENE = """
 [scene]
 title = "a finger on the plate"
@@ -46,7 +50,7 @@ sigma_pa = 100.0
 
 
 def write(folder, arm=ARM):
-    (folder / "two.urdf").write_text(URDF)
-    (folder / "arm.toml").write_text(arm)
-    (folder / "scene.toml").write_text(SCENE)
+    put(folder, "two.urdf", URDF)
+    put(folder, "arm.toml", arm)
+    put(folder, "scene.toml", SCENE)
     return folder

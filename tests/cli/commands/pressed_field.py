@@ -5,6 +5,7 @@ from contextlib import closing
 import numpy as np
 
 from skinbus.can.candump import CandumpWriter
+from tests.files import put
 from tests.master.rig import Rig
 
 SHIFT_S = 17.25
@@ -27,8 +28,7 @@ def make_field(folder, n, seed, arm="pad", effects="[effect.noise]"):
         truth.append((begin, end, s, a, newton))
         begin = end + rng.uniform(0.3, 0.5)
     head = f'[scene]\narm = "{arm}"\nduration_s = {begin + 0.3}\n{effects}\n'
-    (folder / "presses.toml").write_text(head + "".join(lines))
-    rig = Rig(str(folder / "presses.toml"), level="kmeans")
+    rig = Rig(str(put(folder, "presses.toml", head + "".join(lines))), level="kmeans")
     with closing(CandumpWriter(folder / "field.log")) as writer:
         rig.wire.tap(lambda frame: writer.write([frame]))
         rig.run(1e3 * (begin + 0.3))

@@ -4,6 +4,7 @@ from contextlib import closing
 
 from skinbus.can.candump import CandumpReader, CandumpWriter
 from skinbus.can.clock import VirtualClock
+from tests.files import put
 from tests.master.rig import Rig
 
 EPOCH_NS = 1_795_263_452_171_891_000
@@ -34,6 +35,4 @@ def frames_in(path, channel="can0"):
 
 def changed(folder, lines):
     """A file of these lines."""
-    path = folder / "changed.log"
-    path.write_text("".join(f"{line}\n" for line in lines))
-    return path
+    return put(folder, "changed.log", "".join(f"{line}\n" for line in lines))

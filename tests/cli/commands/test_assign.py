@@ -7,6 +7,7 @@ from skinbus.config.system import load_arm
 from skinbus.master.commissioning.node_id_assignment import Address, Known
 from skinbus.node import Device
 from skinbus.objects.eds import load_eds
+from tests.files import put
 
 ARM = """
 [arm]
@@ -32,8 +33,7 @@ IDENTITY = (0x534B4E42, 0x5001, 0x10000)
 
 @pytest.fixture
 def arm_file(tmp_path):
-    (tmp_path / "two.toml").write_text(ARM)
-    return tmp_path / "two.toml"
+    return put(tmp_path, "two.toml", ARM)
 
 
 def test_arm_file_says_who_is_known_by_serial_number(arm_file):

@@ -7,6 +7,7 @@ from skinbus.config.system import load_arm
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
 from tests.cli.invoke import refused, run
+from tests.files import put
 from tests.objects.test_module_board import EIGHT_INPUTS
 
 ARM = """
@@ -85,8 +86,6 @@ def test_an_analogue_module_of_others_becomes_a_board_of_an_arm(tmp_path):
     assert "8 tactels at the inputs of" in adopted
     checked = board("lint", out)
     assert "no fault; 8 tactels" in checked
-    arm_file = tmp_path / "arm.toml"
-    arm_file.write_text(ARM.partition("set =")[0].format(eds='"inputs.dcf"'))
-    arm = load_arm(arm_file)
+    arm = load_arm(put(tmp_path, "arm.toml", ARM.partition("set =")[0].format(eds='"inputs.dcf"')))
     assert arm.n_tactels == 6 * 8
     assert arm.patches[0].patch.transducer.full_scale == 500e3

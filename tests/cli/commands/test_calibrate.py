@@ -12,6 +12,7 @@ from skinbus.model import Arm, Radial
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
 from tests.cli.invoke import run
+from tests.files import put
 
 ARM = """
 [arm]
@@ -37,9 +38,7 @@ LAW = Radial(400e-6, 13000.0 * np.exp(-((np.arange(64) / 20.0) ** 2)), 0.9)
 
 @pytest.fixture
 def arm_file(tmp_path):
-    path = tmp_path / "arm.toml"
-    path.write_text(ARM.format(three="skin-patch"))
-    return path
+    return put(tmp_path, "arm.toml", ARM.format(three="skin-patch"))
 
 
 def write_presses(path, arm, n, zero=0):

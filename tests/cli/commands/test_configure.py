@@ -3,6 +3,9 @@
 import pytest
 
 from skinbus.sim import World, load_scene
+from tests.files import put
+
+pytestmark = pytest.mark.slow
 
 ARM = """
 [arm]
@@ -29,12 +32,10 @@ s_mm = 80.0
 """
 
 
-@pytest.mark.slow
 def test_two_simulated_patches_are_configured_and_then_are_as_asked(own_bus, tmp_path):
-    (tmp_path / "two.toml").write_text(ARM)
+    put(tmp_path, "two.toml", ARM)
     scene = f'[scene]\ntitle = "nothing touches"\narm = "{tmp_path / "two.toml"}"\nduration_s = 10.0\n'
-    (tmp_path / "still.toml").write_text(scene)
-    with own_bus.with_cores(World(load_scene(tmp_path / "still.toml"))):
+    with own_bus.with_cores(World(load_scene(put(tmp_path, "still.toml", scene)))):
         for options, status, said in (
             (["--dry-run"], 1, "2 would change"),
             ([], 0, "2 changed"),
@@ -44,6 +45,5 @@ def test_two_simulated_patches_are_configured_and_then_are_as_asked(own_bus, tmp
             assert answer.splitlines()[-1] == f"two, 2 patches: {said}"
 
 
-@pytest.mark.slow
 def test_no_patch_on_the_bus_is_status_1_and_said(own_bus):
     assert "pad, 1 patch: 1 absent" in own_bus.run("configure", "pad", status=1)

@@ -20,6 +20,7 @@ from skinbus.skin.addresses import BusAddress
 from skinbus.skin.cycle import SkinLayout
 from skinbus.skin.shared_memory import SharedWriter, path_of
 from tests.cli.invoke import run
+from tests.files import put
 
 MAX_EXPOSURE = 25
 """Of systemd-analyze security, in tenths."""
@@ -66,8 +67,7 @@ def test_doctor_says_what_to_do_and_returns_one():
 def test_interface_is_what_ip_says_of_it(tmp_path, monkeypatch):
     lo = {"ifname": "lo", "flags": ["LOOPBACK", "UP"], "mtu": 65536, "link_type": "loopback"}
     can = {"ifname": "can0", "flags": ["NOARP", "ECHO"], "mtu": 16, "txqlen": 10, "link_type": "can"}
-    (tmp_path / "ip").write_text(f"#!/bin/sh\necho '{json.dumps([lo, can])}'\n")
-    (tmp_path / "ip").chmod(0o755)
+    put(tmp_path, "ip", f"#!/bin/sh\necho '{json.dumps([lo, can])}'\n").chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
     found = [
         (one.check, one.found, one.is_wrong)
@@ -100,8 +100,7 @@ def test_controller_findings_have_advice_where_something_is_wrong(data, fd, advi
 
 
 def test_unit_runs_the_arm_that_the_doctor_was_given(tmp_path):
-    arm = tmp_path / "my arm.toml"
-    arm.write_text(find_arm("arm-two-buses").read_text())
+    arm = put(tmp_path, "my arm.toml", find_arm("arm-two-buses").read_text())
     answer = run("doctor", arm, "--unit")
     (line,) = [line for line in answer.splitlines() if line.startswith("ExecStart=")]
     assert line.endswith(f' run "{arm}" --quiet --state %S/skinbus/state --share my-arm')
@@ -109,8 +108,7 @@ def test_unit_runs_the_arm_that_the_doctor_was_given(tmp_path):
 
 
 def test_no_path_breaks_out_of_its_line_of_the_unit(tmp_path):
-    arm = tmp_path / "a\nExecStart=evil\t\x1b.toml"
-    arm.write_text(find_arm("forearm").read_text())
+    arm = put(tmp_path, "a\nExecStart=evil\t\x1b.toml", find_arm("forearm").read_text())
     lines = unit_text(str(arm)).splitlines()
     assert sum(line.startswith("ExecStart=") for line in lines) == 1
     assert not any(line.startswith("ExecStart=evil") for line in lines)

@@ -1,8 +1,6 @@
 """`skinbus guard` beside a patch and a master that are played by a core."""
 
 import os
-import subprocess
-import sys
 from contextlib import closing
 
 import numpy as np
@@ -18,7 +16,9 @@ from skinbus.skin.contact import CONTACT
 from skinbus.skin.cycle import PATCH, Readings, SkinLayout
 from skinbus.skin.shared_memory import SharedWriter
 from tests.cli.invoke import refused
+from tests.files import put
 from tests.guard.rig import ARMED, GFC, MS, QUICK_STOP
+from tests.run_in_process import run_code
 from tests.skin.scripted import made_cycle
 
 GUARD = """
@@ -63,8 +63,7 @@ def fail():
 @pytest.fixture
 def arm(tmp_path):
     """The pad with a guard."""
-    path = tmp_path / "guarded-pad.toml"
-    path.write_text(find_arm("pad").read_text() + GUARD)
+    path = put(tmp_path, "guarded-pad.toml", find_arm("pad").read_text() + GUARD)
     CALLED.clear()
     return path
 
@@ -147,6 +146,6 @@ def test_it_runs_without_numba_and_estimator(arm):
         "heavy = ('numba', 'llvmlite', 'scipy', 'skinbus.jit', 'skinbus.estimate', 'skinbus.master');"
         "print([m for m in heavy if m in sys.modules])"
     )
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    out = run_code(code)
     assert "guard-waits, contacts silent" in out
     assert out.splitlines()[-1] == "[]"

@@ -14,8 +14,7 @@ SEED = 20261204
 @pytest.fixture(scope="module")
 def tables():
     watched = Watched(SEED)
-    watched.zero[:] = 600.0
-    watched.run(10 * SETTLED + 30)
+    watched.settle()
     good = watched.tables()
     watched = Watched(SEED, tables=good)
     watched.noise = np.where(np.arange(16) < 3, 900.0, 200.0)

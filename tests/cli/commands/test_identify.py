@@ -5,13 +5,12 @@ import pytest
 from skinbus.config.arm_file import find_arm, read_arm_file
 from tests.cli.commands.pressed_pad import pressed_pad
 from tests.cli.patience import until_in_time
+from tests.files import put
 
 
 @pytest.fixture
 def file(tmp_path):
-    path = tmp_path / "my-arm.toml"
-    path.write_text("# mine\n" + find_arm("pad").read_text())
-    return path
+    return put(tmp_path, "my-arm.toml", "# mine\n" + find_arm("pad").read_text())
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from skinbus.cli.press_csv import write_presses
 from skinbus.config.system import load_arm
 from tests.cli.invoke import run
 from tests.estimate.calibration.located_boards import made
+from tests.files import put
 from tests.robot.mesh_arms import write_tube
 
 SEED = 20261202
@@ -30,8 +31,7 @@ def case(tmp_path_factory):
 @pytest.mark.slow
 def test_places_go_into_the_file_when_it_is_asked_for(case, tmp_path):
     path, planned, true, presses = case
-    own = tmp_path / "arm.toml"
-    own.write_text("# measured\n" + path.read_text())
+    own = put(tmp_path, "arm.toml", "# measured\n" + path.read_text())
     table = tmp_path / "presses.csv"
     write_presses(table, planned, presses)
     before = own.read_text()
@@ -70,7 +70,7 @@ def test_boards_on_meshes_are_not_moved(tmp_path):
     """Nor by ``identify``: what places them are points, which neither command writes."""
     pytest.importorskip("potpourri3d", reason="extra skinbus[mesh]")
     arm = write_tube(tmp_path)
-    (tmp_path / "presses.csv").write_text("node_id,s_mm,a_mm\n")
+    put(tmp_path, "presses.csv", "node_id,s_mm,a_mm\n")
     for words in (
         ["calibrate", "locate", arm, tmp_path / "presses.csv", "--write"],
         ["scan", "identify", arm],

@@ -10,6 +10,7 @@ from skinbus.cli.press_csv import write_presses
 from skinbus.config.system import load_arm
 from tests.cli.commands.pressed_field import make_field
 from tests.cli.invoke import run
+from tests.files import put
 from tests.master.test_free_running import by_events
 
 SEED = 20261125
@@ -23,13 +24,13 @@ def field(tmp_path_factory):
     return folder, make_field(folder, N, SEED)
 
 
-def presses(folder, *words, arm="pad", out="out.csv", how=run):
-    args = [folder / "field.log", "--arm", arm, *words, "--out", folder / out]
-    return how("calibrate", "presses", *args)
+def presses(folder, *words, arm="pad"):
+    args = [folder / "field.log", "--arm", arm, *words, "--out", folder / "out.csv"]
+    return run("calibrate", "presses", *args)
 
 
-def found_in(folder, name="out.csv"):
-    with (folder / name).open() as file:
+def found_in(folder):
+    with (folder / "out.csv").open() as file:
         return [{k: float(v) if v else np.nan for k, v in row.items()} for row in csv.DictReader(file)]
 
 
@@ -53,10 +54,11 @@ def test_presses_are_joined_with_poses_and_forces_on_a_clock_of_their_own(field)
 
 @pytest.mark.slow
 def test_presses_on_a_patch_that_sends_on_a_change_are_found_between_changes(tmp_path):
-    arm = tmp_path / "free.toml"
-    arm.write_text(
+    arm = put(
+        tmp_path,
+        "free.toml",
         '[arm]\nname = "free"\nrate_hz = 5.0\n[[link]]\nname = "plate"\nsurface = "plane"\nlength_mm = 50.0\n'
-        f'width_mm = 50.0\n[[patch]]\nnode_id = 1\nlink = "plate"\ns_mm = 25.0\nset = {by_events(2000)}\n'
+        f'width_mm = 50.0\n[[patch]]\nnode_id = 1\nlink = "plate"\ns_mm = 25.0\nset = {by_events(2000)}\n',
     )
     truth = make_field(tmp_path, N, SEED, "free.toml", effects="")
     presses(tmp_path, "--poses", tmp_path / "robot.csv", arm=arm)
@@ -80,8 +82,7 @@ def test_three_lines_for_each_press_made_by_hand_are_enough(field):
         for begin, end, s, a, _ in truth
         for t, newton in ((begin, 0), (0.5 * (begin + end), 4.905), (end, 0))
     ]
-    (folder / "hand.csv").write_text("\n".join(["t_s,s_mm,a_mm,force_n", *lines]))
-    presses(folder, "--poses", folder / "hand.csv")
+    presses(folder, "--poses", put(folder, "hand.csv", "\n".join(["t_s,s_mm,a_mm,force_n", *lines])))
     rows = found_in(folder)
     check_places(rows, truth)
     assert {row["force_n"] for row in rows} == {4.905}

@@ -11,6 +11,7 @@ from skinbus.can.candump import format_line
 from skinbus.can.frame import ERROR, RTR, Frame
 from tests.cli.commands.recordings import EPOCH_NS, changed, frames_in
 from tests.cli.invoke import run
+from tests.files import put
 from tests.master.rig import MS
 
 READINGS = (0x181, 0x281, 0x381, 0x481)
@@ -90,8 +91,11 @@ def test_of_two_interfaces_one_is_chosen_by_option_or_arm_file_or_asked_for(fiel
     asked = replay(path, "--arm", "pad", status=2)
     assert f"can0 ({len(frames)} frames), vcan1 ({len(frames)} frames): say by --channel" in asked
     pad = Path("skinbus/config/arms/pad.toml").read_text()
-    arm = tmp_path / "arm.toml"
-    arm.write_text(pad.replace("[[link]]", '[[bus]]\nname = "skin"\nchannel = "can0"\n\n[[link]]', 1))
+    arm = put(
+        tmp_path,
+        "arm.toml",
+        pad.replace("[[link]]", '[[bus]]\nname = "skin"\nchannel = "can0"\n\n[[link]]', 1),
+    )
     for args in (("pad", "-c", "can0"), (arm,)):
         chosen = replay(path, "--arm", *args)
         assert "1188 frames used" in chosen

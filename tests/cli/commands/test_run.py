@@ -17,6 +17,7 @@ from skinbus.config.arm_file import find_arm
 from skinbus.config.state_file import StateFile
 from skinbus.errors import ShareError
 from tests.cli.patience import PATIENCE_S, wait_until
+from tests.files import put
 from tests.master.restarting import SCENE as HELD_SCENE
 
 EDS = Path(__file__).parents[3] / "eds" / "skin-master.eds"
@@ -163,8 +164,7 @@ def test_a_master_that_is_killed_in_a_press_and_while_it_starts_finds_its_contac
 ):
     bus, share, rng = ("--interface", "udp_multicast", "--channel", group), f"kills-{group}", random.Random(7)
     state = StateFile(tmp_path / "state")
-    (tmp_path / "scene.toml").write_text(HELD_SCENE)
-    skinbus("sim", str(tmp_path / "scene.toml"), *bus)
+    skinbus("sim", str(put(tmp_path, "scene.toml", HELD_SCENE)), *bus)
 
     def start():
         return skinbus("run", "pad", *bus, "--quiet", "--state", str(state.path), "--share", share)

@@ -3,12 +3,13 @@
 from skinbus.cli.commands.scan import candidates_of
 from skinbus.objects.eds import eds_names, find_eds
 from skinbus.sim import World, load_scene
+from tests.files import put
 
 
 def test_faulty_eds_of_somebody_else_is_a_candidate_too(tmp_path):
     text = find_eds("skin-patch").read_text().replace("0x00005001", "0x00007777")
-    (tmp_path / "theirs.EDS").write_text(text.replace("AccessType=ro", "AccessType=maybe", 1))
-    (tmp_path / "notes.txt").write_text("not an EDS")
+    put(tmp_path, "theirs.EDS", text.replace("AccessType=ro", "AccessType=maybe", 1))
+    put(tmp_path, "notes.txt", "not an EDS")
     candidates = list(candidates_of(tmp_path))
     assert [c.name for c in candidates] == [*eds_names(), "theirs.EDS"]
     assert candidates[-1].identity.product == 0x7777

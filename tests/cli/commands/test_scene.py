@@ -1,6 +1,7 @@
 """`skinbus scene`: its lists, its verdict on a file, its prices."""
 
 from tests.cli.invoke import run
+from tests.files import put
 
 
 def test_list_of_names_explains_their_parameters():
@@ -11,6 +12,6 @@ def test_list_of_names_explains_their_parameters():
 
 
 def test_check_says_that_a_file_is_right(tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_text('[scene]\narm = "pad"\nduration_s = 1\n[effect.noise]\n')
-    assert "no faults" in run("scene", "check", path)
+    assert "no faults" in run(
+        "scene", "check", put(tmp_path, "mine.toml", '[scene]\narm = "pad"\nduration_s = 1\n[effect.noise]\n')
+    )

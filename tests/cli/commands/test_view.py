@@ -1,14 +1,11 @@
 """What `skinbus view` shows of a word: a scene, or an arm on its bus; wrong words are refused in a line."""
 
 from skinbus.cli.commands.view import is_scene
+from tests.files import put
 
 
 def test_word_that_names_arm_and_scene_is_a_scene_and_a_file_is_what_its_tables_say(tmp_path):
     assert is_scene("forearm")
-    arm = tmp_path / "arm.toml"
-    arm.write_text('[arm]\nname = "x"\n')
-    assert not is_scene(str(arm))
-    scene = tmp_path / "scene.toml"
-    scene.write_text('[scene]\narm = "pad"\n')
-    assert is_scene(str(scene))
+    assert not is_scene(str(put(tmp_path, "arm.toml", '[arm]\nname = "x"\n')))
+    assert is_scene(str(put(tmp_path, "scene.toml", '[scene]\narm = "pad"\n')))
     assert not is_scene(str(tmp_path))
