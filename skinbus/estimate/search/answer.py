@@ -80,6 +80,8 @@ def write_moments(
 ) -> None:
     """Write the covariance of contact c of the best hypothesis: the moment of all rivals about a place."""
     period, total = surface_of(lay.link, link).period, 0.0
+    n = max(q.h_chi2[best, 1] - q.dof[0] * q.h_count[best], 1.0)
+    scale = max(1.0, q.h_chi2[best, 0] / n)
     for x in range(3):
         for y in range(3):
             moment[x, y] = 0.0
@@ -96,7 +98,7 @@ def write_moments(
                 moment[x, y] += share * (own + q.step[x] * q.step[y])
     for x in range(3):
         for y in range(x + 1):
-            moment[x, y] *= max(misfit(q, best), 1.0) / total
+            moment[x, y] *= scale / total
             moment[y, x] = moment[x, y]
 
 
