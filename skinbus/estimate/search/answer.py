@@ -3,7 +3,10 @@
 The number of contacts is that of the best hypothesis. Of each contact, place and force are the mean over the
 hypotheses with that number whose kind of size is the simplest that holds ``REFUTED`` of the probability (tips
 and thumbs are one); the covariance is the second moment of all with that number about it, so other sizes and
-other modes are part of it.
+other modes are part of it. It is larger by chi^2 per degree of freedom where that is above 1: then what the
+law does not explain is more than its variances say.
+
+Source of the last: R. Birge, The calculation of errors by the method of least squares (1932).
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from skinbus.estimate.kernels.law import amplitude, log_force_at
 from skinbus.estimate.kernels.layout import PEAK, Layout
 from skinbus.estimate.kernels.workspace import SATURATED, Search, Work
 from skinbus.estimate.levels.merge import EVIDENCE
-from skinbus.estimate.search.evidence import RIVAL, TIP, best_of, misfit, nearest_contact, settle
+from skinbus.estimate.search.evidence import RIVAL, TIP, best_of, freedom, misfit, nearest_contact, settle
 from skinbus.estimate.search.least_squares import CONVERGED
 from skinbus.estimate.search.model import feels
 from skinbus.jit import inner_kernel
@@ -80,8 +83,7 @@ def write_moments(
 ) -> None:
     """Write the covariance of contact c of the best hypothesis: the moment of all rivals about a place."""
     period, total = surface_of(lay.link, link).period, 0.0
-    n = max(q.h_chi2[best, 1] - q.dof[0] * q.h_count[best], 1.0)
-    scale = max(1.0, q.h_chi2[best, 0] / n)
+    scale = max(q.h_chi2[best, 0] / freedom(q, best), 1.0)
     for x in range(3):
         for y in range(3):
             moment[x, y] = 0.0

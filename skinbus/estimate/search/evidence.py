@@ -230,7 +230,13 @@ def rescore(lay: Layout, w: Work, q: Search, link: int, h: int) -> None:
 
 
 @inner_kernel
+def freedom(q: Search, h: int) -> float:
+    """Return the degrees of freedom of chi^2 of hypothesis h, at least 1."""
+    return max(float(q.h_chi2[h, 1] - q.dof[0] * q.h_count[h]), 1.0)
+
+
+@inner_kernel
 def misfit(q: Search, h: int) -> float:
     """Return chi^2 of hypothesis h over the most that it may be: above 1 it does not explain the readings."""
-    n = max(q.h_chi2[h, 1] - q.dof[0] * q.h_count[h], 1.0)
+    n = freedom(q, h)
     return float(q.h_chi2[h, 0] / (n + MISFIT_SIGMAS * math.sqrt(2.0 * n)))

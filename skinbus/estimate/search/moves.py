@@ -10,7 +10,8 @@ sizes    the other kinds of size                                whose readings d
 places   places around it, with the force that its nearest      that few tactels feel
          tactel then reads
 fewer    to leave it out, its neighbour taking over;            whose force is uncertain;
-         one in place of two                                    of the closest pair
+         one in place of it and the nearest                     (all)
+mirror   the two mirrored about the centre of their forces      of a hypothesis that few tactels feel
 more     one more at the two largest residuals;                 (any hypothesis that misfits, or at ``full``)
          to divide it along the residuals, or across            beside residuals above noise
 =======  =====================================================  ==============================================
@@ -39,7 +40,8 @@ many: one is towards the nearest tactel."""
 EVIDENT = 16.0
 """chi^2 from which on another contact can gain more than it costs."""
 PER_CONTACT = 5
-"""Tactels for each contact of a group: three or four unknowns, and one to spare."""
+"""Tactels for each contact of a group: three or four unknowns, and one to spare. With fewer no contact is
+added, and pairs may have other modes."""
 SPLITS = (0.5, 1.0)
 """Pitches from the middle at which a contact is divided into two: with one of them alone, pairs on a board of
 the paper have errors a third larger."""
@@ -149,21 +151,30 @@ def propose_places(lay: Layout, q: Search, link: int, h: int) -> None:
 
 @inner_kernel
 def propose_fewer(lay: Layout, q: Search, link: int, h: int) -> None:
-    """Propose to leave out each contact, the nearest taking over, and to merge the closest pair."""
-    k, theta, kind, u, v, least = q.h_count[h], q.h_theta[h], q.h_kind[h], 0, 1, math.inf
+    """Propose to leave out each contact, the nearest taking over, to merge the two, and to mirror them.
+
+    Two contacts and their mirror image about the centre of their forces have one force, centre and spread:
+    with few tactels, readings are explained near both.
+    """
+    k, theta, kind, period = q.h_count[h], q.h_theta[h], q.h_kind[h], surface_of(lay.link, link).period
     for c in range(k):
-        e, d = nearest_contact(lay, link, theta, k, theta[c, 0], theta[c, 1], c)
-        if d < least:
-            u, v, least = min(c, e), max(c, e), d
+        e = nearest_contact(lay, link, theta, k, theta[c, 0], theta[c, 1], c)[0]
         if 2.0 * TRY * q.h_covariance[h, c, 2, 2] > 1.0:  # 1 / variance is what chi^2 grows by without it
             propose(q, c, e)
             put(q, kind[e], theta[e, 0], theta[e, 1], theta[e, 2], theta[e, 3])
-    f0, f1 = math.exp(theta[u, 2]), math.exp(theta[v, 2])
-    part, strongest = f1 / (f0 + f1), u if f0 >= f1 else v
-    s = theta[u, 0] + part * (theta[v, 0] - theta[u, 0])
-    a = theta[u, 1] + part * wrap(theta[v, 1] - theta[u, 1], surface_of(lay.link, link).period)
-    propose(q, u, v)
-    put(q, kind[strongest], s, a, math.log(f0 + f1), theta[strongest, 3])
+        if e < c and nearest_contact(lay, link, theta, k, theta[e, 0], theta[e, 1], e)[0] == c:
+            continue
+        f0, f1 = math.exp(theta[c, 2]), math.exp(theta[e, 2])
+        part, strongest = f1 / (f0 + f1), c if f0 >= f1 else e
+        s, a = theta[e, 0] - theta[c, 0], wrap(theta[e, 1] - theta[c, 1], period)
+        x, y = theta[c, 0] + part * s, theta[c, 1] + part * a
+        propose(q, c, e)
+        put(q, kind[strongest], x, y, math.log(f0 + f1), theta[strongest, 3])
+        if q.h_chi2[h, 1] < PER_CONTACT * k:
+            propose(q, c, e)
+            put(q, kind[c], x + part * s, y + part * a, theta[c, 2], theta[c, 3])
+            part -= 1.0
+            put(q, kind[e], x + part * s, y + part * a, theta[e, 2], theta[e, 3])
 
 
 @inner_kernel
