@@ -34,7 +34,7 @@ RADII = (2.5e-3, 4.765e-3)
 """m, of the two sizes of tactels."""
 HALVES = (5.8316e-3, 6.1055e-3)
 """m, half widths of the law of fingertips on the layer of 6 mm under them."""
-SMALL, USUAL = 0.18378, 0.60909
+SMALL, USUAL = ((radius / half) ** 2 for radius, half in zip(RADII, HALVES, strict=True))
 """Squares of the tactel's radius in half widths."""
 OWN_SIZES = (-0.69, 1.05)
 """u of a law that was learned: discs of 1 to 27 mm, which the modes are made from."""
@@ -46,6 +46,14 @@ LIKE = 0.01
 of its true size."""
 POINTS_OF_LAW = 8.0
 """Readings that a table is worth: at as many distances fields differ in their own ways."""
+
+AS_MADE, FINGER, TIP, THUMB, KINDS = range(5)
+"""Kinds of size, the simplest first, and their number."""
+MEANS = (0.0, 0.0, -0.5, 0.62)
+SPREADS = (0.02, 0.17, 0.13, 0.3)
+"""Mean and standard deviation of u: the size of the calibration, discs of 10-15, 2-8, 16-25 mm."""
+LEARNED_SHARES, SHIPPED_SHARES = (0.5, 0.1, 0.2, 0.2), (0.0, 0.6, 0.2, 0.2)
+"""Prior shares: what calibrated a skin is what presses it most often; else fingertips are."""
 
 FIELDS = 1e-4 * np.loadtxt(Path(__file__).with_suffix(".csv"), delimiter=",").reshape(2, MODES + 1, -1)
 """Field of a fingertip and modes, for both sizes of tactels."""

@@ -22,7 +22,14 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.arrays import Bools, Floats, Ints
-from skinbus.estimate.kernels.disc_shapes import MODES, disc_shapes, learned_shapes
+from skinbus.estimate.kernels.disc_shapes import (
+    KINDS,
+    LEARNED_SHARES,
+    MODES,
+    SHIPPED_SHARES,
+    disc_shapes,
+    learned_shapes,
+)
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.jit import setup
 from skinbus.model import Arm, Cone, Patch
@@ -37,12 +44,22 @@ CONE, RADIAL = 0.0, 1.0
 KIND, SLOPE, SCALE, POWER, REACH, REACH_PER, CORE, CORE_PER, PEAK = range(9)
 """Columns of ``law_par``: kind; slope of a cone, Pa/m; A = scale F^power; reach and core, a constant (m) and
 a part per amplitude; peak per amplitude."""
-MISFIT, PROFILED, TYPICAL, UNSIZED, SHAPED, OWN_SIZE, PER_STEP, LAST, N_COLUMNS = range(9, 18)
-"""Relative misfit; whether there is a profile of it; log of a typical force, N; whether the law was
-measured without what presses; whether it has modes by size; the size it was measured with; 1 / step of its
-table; middle of the last step."""
+MISFIT, ROOT_MISFIT, TAILED, LOG_FORCE, FORCE_SD, SHAPED, OWN_SIZE, PER_STEP, LAST, SHARES = range(9, 19)
+"""What the law leaves, as a part of a reading, and its square as a part of reading times amplitude; whether
+that has tails; prior mean and standard deviation of log force; whether the law has modes by size; the size it
+was measured with; 1 / step of its table; middle of the last step; from here on the prior shares of the kinds
+of size."""
 LEFT = MODES + 1
 """Row of a table of a law that has what the law leaves; the first is k, those between are modes by size."""
+GAINS = 0.37
+"""Part of the misfit of a shipped law that gains cause: sizes cause the rest, and they are unknowns."""
+SHIPPED_MODES = 0.006
+"""Of the peak: error of the modes by size of a shipped law."""
+LEARNED_MODES = 0.003
+"""The same of a learned law, of the root of peak times reading."""
+SHIPPED_SD, LEARNED_SD, FLAT_SD = 1.5, 1.0, 6.0
+"""Standard deviation of log force: usual boards are pressed with 1 to 18 N, a calibrated one with forces like
+those of its calibration. Under a law that is held for true the readings say the force."""
 CORE_PART = 0.05
 """Part of its peak below which a radial law is a skirt. Contacts that share only skirts share some
 thousandths of their information: each is solved with the others held, and two sweeps settle all."""
@@ -76,7 +93,7 @@ class Layout(NamedTuple):
     patch_reach: Floats  # (1,) furthest of any tactel from the centre of its patch, m
     board: Floats  # (n_patches, 4) cos and sin of yaw, half extents with half a seam, m
     link: Floats  # (n_links, 4) radius, taper, period, length
-    law_par: Floats  # (n_laws, N_COLUMNS)
+    law_par: Floats  # (n_laws, SHARES + KINDS)
     law_table: Floats  # (n_laws, points, 24) 1/m^2, see ``kernels.law``
     map_value: Floats  # (n_maps, points, points) 1/m^2
     map_step: Floats  # (n_maps,) m
@@ -173,11 +190,11 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
     order = list(dict.fromkeys(keys))
     first = [patches[keys.index(key)] for key in order]
     points = max(2, *(len(getattr(p.law, "table", ())) for p in first))
-    par = np.zeros((len(first), N_COLUMNS))
+    par = np.zeros((len(first), SHARES + KINDS))
     table, slopes = np.zeros((2, len(first), LEFT + 1, points))
     for i, patch in enumerate(first):
         law = patch.law
-        row = {POWER: law.exponent, MISFIT: law.misfit, TYPICAL: _log_typical(patch)}
+        row = {POWER: law.exponent, MISFIT: law.misfit, LOG_FORCE: _log_typical(patch), FORCE_SD: FLAT_SD}
         if isinstance(law, Cone):
             slope, height = law.slope * unit, np.cbrt(3.0 / math.pi) * np.cbrt(law.slope) ** 2
             row |= {KIND: CONE, SLOPE: slope, SCALE: height, POWER: law.exponent / 3.0, PEAK: 1.0}
@@ -192,10 +209,16 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
             if law.misfit_profile is not None:
                 table[i, LEFT, :n] = law.misfit_profile
                 table[i, 1:LEFT, :n], own_size = learned_shapes(law.step, values, 0.5 * patch.diameter)
-                row |= {MISFIT: 0.0, PROFILED: 1.0, SHAPED: 1.0, OWN_SIZE: own_size}
+                row |= {MISFIT: 0.0, ROOT_MISFIT: LEARNED_MODES**2 * values[0], TAILED: 1.0}
+                # a factor 1 / F of the prior makes the mean less by the variance
+                row |= {LOG_FORCE: row[LOG_FORCE] - LEARNED_SD**2, FORCE_SD: LEARNED_SD}
+                row |= {SHAPED: 1.0, OWN_SIZE: own_size}
+                par[i, SHARES:] = LEARNED_SHARES
             elif law.misfit > 0.0:  # measured neither on its board nor with what presses it, and says so
+                table[i, LEFT, :n] = SHIPPED_MODES * values[0]
                 table[i, 1:LEFT, :n] = disc_shapes(law.step, values, 0.5 * patch.diameter)
-                row |= {UNSIZED: 1.0, SHAPED: 1.0}
+                row |= {MISFIT: GAINS * law.misfit, FORCE_SD: SHIPPED_SD, SHAPED: 1.0}
+                par[i, SHARES:] = SHIPPED_SHARES
             table[i, :, n:] = table[i, :, n - 1 : n]
             if n > 1:  # even in the distance: the slopes at 0 are 0
                 slopes[i, :, 1:n] = np.gradient(table[i, :, :n], axis=-1)[:, 1:]

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.arrays import Bools, Floats, Ints
+from skinbus.estimate.kernels.disc_shapes import KINDS
 from skinbus.estimate.kernels.layout import Layout
 
 PATCH_CLUSTERS = 16
@@ -18,8 +19,6 @@ GROUP = 10
 """Most contacts solved at once."""
 KEPT = 24
 """Hypotheses kept of a group: those that explain the readings are rarely more than ten."""
-KINDS = 4
-"""Kinds of size, see ``search.evidence``."""
 
 FREE, TOUCHED, HELD = 0, 1, 2
 """What a tactel feels: nothing, a touch, one that it has felt in the cycle before."""
@@ -86,7 +85,7 @@ class Search(NamedTuple):
     listed: Ints  # (n,) tactels that the group may reach
     back: Floats  # (n,) Pa along listed: pressure of contacts outside the group
     variance: Floats  # (n,) Pa^2 along listed
-    tail: Floats  # (n,) degrees of freedom of the errors along listed
+    tail: Floats  # (n,) degrees of freedom of the errors along listed, 0 where they are Gaussian
     jacobian: Floats  # (n, m) along listed
     felt_by: Ints  # (n, g) contacts that reach the tactel
     n_felt_by: Ints  # (n,)
@@ -105,7 +104,6 @@ class Search(NamedTuple):
     rows: Ints  # (g,) rows of the answer
     kind_share: Floats  # (KINDS,) prior share
     kind_mean: Floats  # (KINDS,)
-    kind_sd: Floats  # (KINDS,)
     force_prior: Floats  # (2,) mean and standard deviation of log force
     offsets: Ints  # (1,) whether the zeros of boards are unknowns
     n_plans: Ints  # (1,)
@@ -142,7 +140,7 @@ def make_search(lay: Layout) -> Search:
     of_group = dict.fromkeys(("pitch", "dof", "n_listed", "tailed", "offsets", "n_plans", "n_hypotheses"), 1)
     of_tactels = dict.fromkeys(["listed", "back", "variance", "tail", "n_felt_by", "weight", "pull"], n)
     of_unknowns = dict.fromkeys(("row", "gradient", "step"), m)
-    of_kinds = dict.fromkeys(("kind_share", "kind_mean", "kind_sd"), KINDS)
+    of_kinds = dict.fromkeys(("kind_share", "kind_mean"), KINDS)
     of_hypotheses = dict.fromkeys(("h_count", "h_score", "h_status", "h_done"), h)
     tables = {"jacobian": (n, m), "felt_by": (n, g), "theta": (g, 4), "trial": (g, 4), "kind": g, "rows": g}
     tables |= dict.fromkeys(("normal", "factor", "inverse"), (m, m))

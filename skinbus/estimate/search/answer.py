@@ -17,12 +17,13 @@ from skinbus.arrays import Floats
 from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.board_places import keep_on_board
 from skinbus.estimate.kernels.constants import BAD_FIT, FEW_TACTELS, FULL_SCALE, NOT_CONVERGED, OVER_BUDGET
+from skinbus.estimate.kernels.disc_shapes import TIP
 from skinbus.estimate.kernels.geometry import surface_of, wrap
 from skinbus.estimate.kernels.law import amplitude, log_force_at
 from skinbus.estimate.kernels.layout import PEAK, Layout
 from skinbus.estimate.kernels.workspace import SATURATED, Search, Work
 from skinbus.estimate.levels.merge import EVIDENCE
-from skinbus.estimate.search.evidence import RIVAL, TIP, best_of, freedom, misfit, nearest_contact, settle
+from skinbus.estimate.search.evidence import RIVAL, best_of, freedom, misfit, nearest_contact, settle
 from skinbus.estimate.search.least_squares import CONVERGED
 from skinbus.estimate.search.model import feels
 from skinbus.jit import inner_kernel

@@ -10,8 +10,7 @@ board (standard deviation B), log force (mean f), size by its kind. Factors of 2
 factor 1 / F for forces above the usual one. Variances of readings are those of one hypothesis for all rivals:
 were each to have its own, weak forces would win by log odds of 5 to 7.
 
-Kinds of size: what a learned law was calibrated with, fingertips, tips, thumbs. A size u is that of
-``disc_shapes``.
+Sizes and their kinds are those of ``disc_shapes``.
 
 Source: D. MacKay, Information Theory, Inference, and Learning Algorithms (2003), 27 and 28.
 """
@@ -22,9 +21,10 @@ import math
 
 from skinbus.arrays import Floats
 from skinbus.estimate.budget import is_over
+from skinbus.estimate.kernels.disc_shapes import AS_MADE, FINGER, KINDS, MEANS
 from skinbus.estimate.kernels.geometry import distance, surface_of
-from skinbus.estimate.kernels.layout import OWN_SIZE, PROFILED, SHAPED, TYPICAL, UNSIZED, Layout
-from skinbus.estimate.kernels.workspace import KEPT, KINDS, SATURATED, Search, Work
+from skinbus.estimate.kernels.layout import FORCE_SD, LOG_FORCE, OWN_SIZE, SHAPED, SHARES, Layout
+from skinbus.estimate.kernels.workspace import KEPT, SATURATED, Search, Work
 from skinbus.estimate.search.least_squares import (
     ROUGH,
     SETTLED,
@@ -39,19 +39,6 @@ from skinbus.estimate.search.least_squares import (
 from skinbus.estimate.search.model import weigh
 from skinbus.jit import inner_kernel
 
-AS_MADE, FINGER, TIP, THUMB = 0, 1, 2, 3
-"""Kinds of size, the simplest first."""
-MEANS = (0.0, 0.0, -0.5, 0.62)
-SPREADS = (0.02, 0.17, 0.13, 0.3)
-"""Mean and standard deviation of u: the size of the calibration, discs of 10-15, 2-8, 16-25 mm."""
-SHARES_LEARNED = (0.5, 0.1, 0.2, 0.2)
-SHARES_SHIPPED = (0.0, 0.6, 0.2, 0.2)
-"""Prior shares: what calibrated a skin is what presses it most often; else fingertips are."""
-FORCE_SD, FLAT_SD = 1.5, 6.0
-"""Standard deviation of log force about ``TYPICAL``: usual boards are pressed with 1 to 18 N. Under a law
-that is held for true the readings say the force."""
-LEARNED_SD = 1.0
-"""The same about the typical force of a calibration. A factor 1 / F makes the mean less by the variance."""
 RIVAL = 7.0
 """Log odds below the best to which hypotheses are kept for the answer, and expanded: a thousandth."""
 TRY = 12.0
@@ -67,19 +54,13 @@ STANDS_OUT = 4.0
 @inner_kernel
 def set_priors(lay: Layout, q: Search, law: int) -> int:
     """Write the priors of contacts on boards of a law; return the kind of size to start with."""
-    laws = lay.law_par
-    is_shipped = laws[law, UNSIZED] != 0.0
-    has_sizes = laws[law, SHAPED] != 0.0
-    q.dof[0] = 4 if has_sizes else 3
+    row = lay.law_par[law]
+    q.dof[0] = 4 if row[SHAPED] != 0.0 else 3
     for kind in range(KINDS):
-        share = SHARES_SHIPPED[kind] if is_shipped else SHARES_LEARNED[kind]
-        q.kind_share[kind] = share if has_sizes else 0.0
-        q.kind_mean[kind], q.kind_sd[kind] = MEANS[kind], SPREADS[kind]
-    q.kind_mean[AS_MADE] = laws[law, OWN_SIZE]
-    q.force_prior[0], q.force_prior[1] = laws[law, TYPICAL], FORCE_SD if is_shipped else FLAT_SD
-    if laws[law, PROFILED] != 0.0:
-        q.force_prior[0], q.force_prior[1] = laws[law, TYPICAL] - LEARNED_SD**2, LEARNED_SD
-    return FINGER if is_shipped else AS_MADE
+        q.kind_share[kind], q.kind_mean[kind] = row[SHARES + kind], MEANS[kind]
+    q.kind_mean[AS_MADE] = row[OWN_SIZE]
+    q.force_prior[0], q.force_prior[1] = row[LOG_FORCE], row[FORCE_SD]
+    return FINGER if q.kind_share[FINGER] > q.kind_share[AS_MADE] else AS_MADE
 
 
 @inner_kernel

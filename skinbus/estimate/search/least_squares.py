@@ -19,7 +19,7 @@ import math
 from skinbus.arrays import Floats
 from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.board_places import keep_on_board
-from skinbus.estimate.kernels.disc_shapes import OWN_SIZES
+from skinbus.estimate.kernels.disc_shapes import OWN_SIZES, SPREADS
 from skinbus.estimate.kernels.law import amplitude, core
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.workspace import Search, Work
@@ -59,7 +59,7 @@ def evaluate(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) 
         off = (theta[c, 2] - q.force_prior[0]) / q.force_prior[1]
         value += off * off
         if q.dof[0] == 4:
-            off = (theta[c, 3] - q.kind_mean[q.kind[c]]) / q.kind_sd[q.kind[c]]
+            off = (theta[c, 3] - q.kind_mean[q.kind[c]]) / SPREADS[q.kind[c]]
             value += off * off
     return value
 
@@ -83,7 +83,7 @@ def write_equations(lay: Layout, w: Work, q: Search, k: int) -> None:
         gradient[u + 2] -= (theta[2] - q.force_prior[0]) / (sd * sd)
         if dof == 4:
             kind = q.kind[c]
-            sd = q.kind_sd[kind]
+            sd = SPREADS[kind]
             normal[u + 3, u + 3] += 1.0 / (sd * sd)
             gradient[u + 3] -= (theta[3] - q.kind_mean[kind]) / (sd * sd)
 
@@ -98,7 +98,7 @@ def log_evidence(q: Search, k: int, value: float) -> float:
     for c in range(k):
         total -= max(q.theta[c, 2] - q.force_prior[0], 0.0)
     for c in range(k if dof == 4 else 0):
-        total += math.log(q.kind_share[q.kind[c]] / q.kind_sd[q.kind[c]])
+        total += math.log(q.kind_share[q.kind[c]] / SPREADS[q.kind[c]])
     return float(total)
 
 

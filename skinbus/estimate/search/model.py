@@ -26,17 +26,11 @@ from skinbus.arrays import Floats
 from skinbus.estimate.budget import DONE
 from skinbus.estimate.kernels.geometry import distance, separation, surface_of
 from skinbus.estimate.kernels.law import amplitude, misfit_at, pressure, reach, residual_at
-from skinbus.estimate.kernels.layout import MISFIT, PEAK, PROFILED, UNSIZED, Layout
+from skinbus.estimate.kernels.layout import MISFIT, PEAK, ROOT_MISFIT, SHAPED, TAILED, Layout
 from skinbus.estimate.kernels.workspace import SATURATED, Search, Work
 from skinbus.jit import inner_kernel
 from skinbus.model.bend_kernel import bend_at
 
-GAINS = 0.37
-"""Part of the misfit of a shipped law that gains cause: sizes cause the rest, and they are unknowns."""
-SIZE_MODES = 0.006
-"""Of the peak: error of the modes by size of a shipped law."""
-LEARNED_MODES = 0.003
-"""The same of a learned law, of the root of peak times reading."""
 MOST_PEAK = 10.0
 """Times the largest reading, the highest peak whose misfit counts: a contact beside its tactels explains
 anything with more."""
@@ -102,24 +96,18 @@ def weigh(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) -> 
         most = max(most, w.p[q.listed[t]])
     for t in range(n):
         i = q.listed[t]
-        law, reading = lay.law[i], w.p[i]
-        profiled, unsized = laws[law, PROFILED] != 0.0, laws[law, UNSIZED] != 0.0
-        wrong = laws[law, MISFIT] * reading * (GAINS if unsized else 1.0)
-        variance = lay.sigma[i] * lay.sigma[i] + wrong * wrong
-        for c in range(k if profiled or unsized else 0):
-            at_peak = laws[law, PEAK]
-            amp = min(amplitude(laws, law, theta[c, 2])[0], MOST_PEAK * most / at_peak)
-            if profiled:
-                wrong = amp * misfit_at(
-                    laws, lay.law_table, law, distance(surface, theta[c, 0], theta[c, 1], lay.s[i], lay.a[i])
-                )
-                variance += LEARNED_MODES * LEARNED_MODES * amp * at_peak * max(reading, 0.0)
-            else:
-                wrong = SIZE_MODES * amp * at_peak
-            variance += wrong * wrong
+        row, reading = laws[lay.law[i]], w.p[i]
+        noise, wrong = lay.sigma[i] * lay.sigma[i], row[MISFIT] * reading
+        variance = noise + wrong * wrong
+        for c in range(k if row[SHAPED] != 0.0 else 0):
+            amp = min(amplitude(laws, lay.law[i], theta[c, 2])[0], MOST_PEAK * most / row[PEAK])
+            d = distance(surface, theta[c, 0], theta[c, 1], lay.s[i], lay.a[i])
+            wrong = amp * misfit_at(laws, lay.law_table, lay.law[i], d)
+            variance += wrong * wrong + row[ROOT_MISFIT] * amp * max(reading, 0.0)
         q.variance[t] = variance
-        misfit = 1.0 - lay.sigma[i] * lay.sigma[i] / variance
-        q.tail[t] = TAIL if q.tailed[0] else 4.0 + (TAIL - 4.0) / max(misfit * misfit, LEAST_TAILED)
+        part = 1.0 - noise / variance
+        tail = 4.0 + (TAIL - 4.0) / max(part * part, LEAST_TAILED) if row[TAILED] != 0.0 else 0.0
+        q.tail[t] = TAIL if q.tailed[0] else tail
 
 
 @inner_kernel
@@ -142,7 +130,7 @@ def predict(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) -
             if w.state[i] != SATURATED or r > 0.0:
                 weight[t] = 1.0 / q.variance[t]
                 square = weight[t] * r * r
-                if q.tailed[0] or lay.law_par[lay.law[i], PROFILED] != 0.0:
+                if q.tail[t] > 0.0:
                     part = q.tail[t] / (q.tail[t] + square)
                     weight[t], square = weight[t] * part, -q.tail[t] * math.log(part)
                 chi2 += square

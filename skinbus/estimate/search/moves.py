@@ -22,10 +22,11 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.kernels.board_places import keep_on_board
+from skinbus.estimate.kernels.disc_shapes import KINDS, SPREADS
 from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.law import amplitude, log_force_at, pressure
 from skinbus.estimate.kernels.layout import OWN_SIZE, Layout
-from skinbus.estimate.kernels.workspace import GROUP, KINDS, Search, Work
+from skinbus.estimate.kernels.workspace import GROUP, Search, Work
 from skinbus.estimate.search.evidence import RIVAL, TRY, consider, misfit, nearest_contact, prepare
 from skinbus.estimate.search.least_squares import copy_contact, copy_contacts
 from skinbus.estimate.search.model import feels
@@ -103,14 +104,14 @@ def propose_sizes(q: Search, h: int) -> None:
     for c in range(q.h_count[h]):
         covariance, theta, here = q.h_covariance[h, c], q.h_theta[h, c], 0.0
         own, variance = q.h_kind[h, c], covariance[3, 3]
-        spread = q.kind_sd[own] ** 2
+        spread = SPREADS[own] ** 2
         precision = max(1.0 / variance - 1.0 / spread, 1e-9)
         read = (theta[3] / variance - q.kind_mean[own] / spread) / precision
         for turn in range(KINDS + 1):
             kind = own if turn == 0 else turn - 1  # its own first: the others are compared with it
             if q.kind_share[kind] == 0.0 or (turn > 0 and kind == own):
                 continue
-            spread, off = q.kind_sd[kind] ** 2, read - q.kind_mean[kind]
+            spread, off = SPREADS[kind] ** 2, read - q.kind_mean[kind]
             total = spread + 1.0 / precision
             score = math.log(q.kind_share[kind]) - 0.5 * (math.log(total) + off * off / total)
             if turn == 0:
