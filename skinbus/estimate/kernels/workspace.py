@@ -114,7 +114,7 @@ class Search(NamedTuple):
     h_kind: Ints  # (h, g)
     h_count: Ints  # (h,) contacts
     h_score: Floats  # (h,) log evidence
-    h_chi2: Floats  # (h, 2) chi^2 and number of the tactels that count
+    h_chi2: Floats  # (h, 3) chi^2, number of the tactels that count, part of their variance that is not noise
     h_covariance: Floats  # (h, g, 4, 4) of the unknowns of each contact
     h_status: Ints  # (h,)
     h_done: Bools  # (h,) expanded
@@ -144,7 +144,7 @@ def make_search(lay: Layout) -> Search:
     of_hypotheses = dict.fromkeys(("h_count", "h_score", "h_status", "h_done"), h)
     tables = {"jacobian": (n, m), "felt_by": (n, g), "theta": (g, 4), "trial": (g, 4), "kind": g, "rows": g}
     tables |= dict.fromkeys(("normal", "factor", "inverse"), (m, m))
-    tables |= {"force_prior": 2, "plan": (plans, 5), "plan_theta": (plans, 2, 4), "h_chi2": (h, 2)}
+    tables |= {"force_prior": 2, "plan": (plans, 5), "plan_theta": (plans, 2, 4), "h_chi2": (h, 3)}
     tables |= {"h_theta": (h, g, 4), "h_kind": (h, g), "h_covariance": (h, g, 4, 4)}
     shapes = of_group | of_tactels | of_unknowns | of_kinds | of_hypotheses | tables
     return Search(**_zeros(Search, shapes))

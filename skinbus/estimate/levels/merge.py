@@ -9,7 +9,7 @@ surface.
 The force of a contact inverts the law (paper, eq. 10, 5, 6) in the sum over its tactels: the amplitude A with
 which sum (A g_j + h_j) is the pressure that they read. For the cone it is the mean of H_j = p_j + S d_j.
 Errors of the centroid raise some terms and lower those opposite, and the sum of a law over a grid hardly
-depends on where in the grid it stands. On the corner of four boards, where all feel less than ``SPILL``
+depends on where in the grid it stands. On the corner of four boards, where all feel less than ``CORE_PART``
 of the peak, its force is not determined: there the law counts as that much.
 
 Failure: two contacts on both sides of a seam without a valley between them are one here; the search divides
@@ -22,13 +22,11 @@ from skinbus.arrays import Floats
 from skinbus.estimate.kernels.board_places import keep_on_board
 from skinbus.estimate.kernels.geometry import develop, distance, surface_of, undevelop
 from skinbus.estimate.kernels.law import log_force_of, pressure
-from skinbus.estimate.kernels.layout import OWN_SIZE, Layout
+from skinbus.estimate.kernels.layout import CORE_PART, OWN_SIZE, PEAK, Layout
 from skinbus.estimate.kernels.workspace import NO_VALUE, Work
 from skinbus.estimate.levels.kmeans import find_root, stands_out
 from skinbus.jit import inner_kernel, runtime_int
 
-SPILL = 0.05
-"""Part of the pressure under a contact by which a law is wrong elsewhere: the foot of a real field."""
 LOG_FORCE_MIN, LOG_FORCE_MAX = -46.0, 46.0
 """1e-20 N to 1e20 N: any skin is inside, and no power of it leaves the range of floats."""
 EVIDENCE = 42.0
@@ -129,7 +127,7 @@ def describe(lay: Layout, w: Work, root: int, place: Floats) -> tuple[int, int, 
     law = lay.law[peak]
     laws, tables = lay.law_par, lay.law_table
     size = laws[law, OWN_SIZE]
-    foot = SPILL * pressure(laws, tables, law, 1.0, 0.0, size)[2]  # below it the law errs by its own value
+    foot = CORE_PART * laws[law, PEAK]  # below it the law errs by its own value
     top, bottom, floor = 0.0, 0.0, 0.0
     for t in range(n):
         i = member[t]

@@ -3,8 +3,9 @@
 The number of contacts is that of the best hypothesis. Of each contact, place and force are the mean over the
 hypotheses with that number whose kind of size is the simplest that holds ``REFUTED`` of the probability (tips
 and thumbs are one); the covariance is the second moment of all with that number about it, so other sizes and
-other modes are part of it. It is larger by chi^2 per degree of freedom where that is above 1: then what the
-law does not explain is more than its variances say.
+other modes are part of it. Where chi^2 per degree of freedom is above 1, the law explains less than its
+variances say, and noise is what it was: the covariance grows with the excess, by the part of the variance
+that is not noise.
 
 Source of the last: R. Birge, The calculation of errors by the method of least squares (1932).
 """
@@ -84,7 +85,8 @@ def write_moments(
 ) -> None:
     """Write the covariance of contact c of the best hypothesis: the moment of all rivals about a place."""
     period, total = surface_of(lay.link, link).period, 0.0
-    scale = max(q.h_chi2[best, 0] / freedom(q, best), 1.0)
+    excess = max(q.h_chi2[best, 0] / freedom(q, best) - 1.0, 0.0)
+    scale = max(1.0 + q.h_chi2[best, 2] * excess, misfit(q, best))
     for x in range(3):
         for y in range(3):
             moment[x, y] = 0.0

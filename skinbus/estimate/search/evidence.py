@@ -45,10 +45,10 @@ TRY = 12.0
 """The same to which a fit that has not ended is continued."""
 ALIKE, ALIKE_FORCE = 0.05, 0.1
 """Pitches and log force within which two answers are the same."""
-MISFIT_SIGMAS = 4.0
-"""Standard deviations of chi^2 from which on the law does not explain the readings."""
-STANDS_OUT = 4.0
-"""Standard deviations from which on a residual that no contact reaches counts in chi^2."""
+BEYOND = 4.0
+"""Standard deviations from which on something is no chance: chi^2, and then the law does not explain the
+readings; a residual, and then it counts in chi^2 though no contact reaches it. From the square on another
+contact can gain more than it costs."""
 
 
 @inner_kernel
@@ -180,17 +180,18 @@ def describe(lay: Layout, w: Work, q: Search, h: int) -> None:
     """Write chi^2 of hypothesis h, as factorised last, over the tactels that feel it or stand out, and the
     covariances of its contacts.
     """
-    chi2, n, dof, k, is_bound = 0.0, 0, q.dof[0], q.h_count[h], False
+    chi2, n, left, dof, k, is_bound = 0.0, 0, 0.0, q.dof[0], q.h_count[h], False
     for t in range(q.n_listed[0]):
         if w.state[q.listed[t]] == SATURATED:
             if q.weight[t] == 0.0:
                 continue
             q.weight[t], is_bound = 0.0, True
         square = q.pull[t] * q.pull[t] / q.variance[t]
-        if q.n_felt_by[t] > 0 or square > STANDS_OUT * STANDS_OUT:
+        if q.n_felt_by[t] > 0 or square > BEYOND * BEYOND:
             chi2 += square
             n += 1
-    q.h_chi2[h, 0], q.h_chi2[h, 1] = chi2, n
+            left += 1.0 - lay.sigma[q.listed[t]] ** 2 / q.variance[t]
+    q.h_chi2[h, 0], q.h_chi2[h, 1], q.h_chi2[h, 2] = chi2, n, left / max(n, 1)
     if is_bound:  # which says nothing of how far beyond
         write_equations(lay, w, q, k)
         factorise(q, dof * k, 0.0)
@@ -220,4 +221,4 @@ def freedom(q: Search, h: int) -> float:
 def misfit(q: Search, h: int) -> float:
     """Return chi^2 of hypothesis h over the most that it may be: above 1 it does not explain the readings."""
     n = freedom(q, h)
-    return float(q.h_chi2[h, 0] / (n + MISFIT_SIGMAS * math.sqrt(2.0 * n)))
+    return float(q.h_chi2[h, 0] / (n + BEYOND * math.sqrt(2.0 * n)))

@@ -45,8 +45,6 @@ FIRST_DAMPING, LAST_DAMPING = 1e-3, 1e4
 NEGLIGIBLE, EDGE = 1e-4, 1e-2
 """A step that lowers chi^2 by less than the first, at a damping above the second, ends a fit: the minimum is
 at a kink of the law."""
-HOPELESS = 1e20
-"""Damping at which every matrix of finite numbers has a factor."""
 SINGULAR = 1e-14
 """Part of the diagonal that a pivot must keep: what rounding leaves of a parameter that others stand for."""
 
@@ -171,7 +169,7 @@ def fit(lay: Layout, w: Work, q: Search, link: int, k: int, enough: float, bar: 
             break
         while not factorise(q, m, damping):
             damping = max(10.0 * damping, 1e-6)
-            if not damping < HOPELESS:
+            if not damping <= LAST_DAMPING:
                 return math.inf, status
         solve(q, m, q.gradient, step)
         promised = 0.0

@@ -27,7 +27,7 @@ from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.law import amplitude, log_force_at, pressure
 from skinbus.estimate.kernels.layout import OWN_SIZE, Layout
 from skinbus.estimate.kernels.workspace import GROUP, Search, Work
-from skinbus.estimate.search.evidence import RIVAL, TRY, consider, misfit, nearest_contact, prepare
+from skinbus.estimate.search.evidence import BEYOND, RIVAL, TRY, consider, misfit, nearest_contact, prepare
 from skinbus.estimate.search.least_squares import copy_contact, copy_contacts
 from skinbus.estimate.search.model import feels
 from skinbus.jit import inner_kernel
@@ -38,8 +38,6 @@ tactels beyond their thresholds has one mode."""
 AROUND, DIRECTIONS = 0.6, 5
 """Pitches at which places around a contact are tried, beyond its own mode but before the next tactel, and how
 many: one is towards the nearest tactel."""
-EVIDENT = 16.0
-"""chi^2 from which on another contact can gain more than it costs."""
 PER_CONTACT = 5
 """Tactels for each contact of a group: three or four unknowns, and one to spare. With fewer no contact is
 added, and pairs may have other modes."""
@@ -57,7 +55,7 @@ def expand(lay: Layout, w: Work, q: Search, link: int, h: int, full: bool) -> No
     propose_places(lay, q, link, h)
     if q.h_count[h] > 1:
         propose_fewer(lay, q, link, h)
-    if (full or misfit(q, h) > 1.0) and q.h_chi2[h, 0] > EVIDENT:
+    if (full or misfit(q, h) > 1.0) and q.h_chi2[h, 0] > BEYOND * BEYOND:
         prepare(lay, w, q, link, h)
         propose_more(lay, q, link, h)
     for move in range(q.n_plans[0]):
