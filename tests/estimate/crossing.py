@@ -36,8 +36,7 @@ def meet(estimator, speed, seed):
         places = middle + way * ways + aside
         pressures = SIGMA * rng.standard_normal(arm.n_tactels)
         for s, a in places:
-            d = surface.distance(arm.tactel_s, arm.tactel_a, s, surface.wrap(a))
-            pressures += law.pressure(d, 8.0)
+            pressures += law.pressure(arm.distance(slice(None), s, surface.wrap(a)), 8.0)
         t_ns = n * PERIOD_NS
         found = _identities(surface, tracker.update(estimator.update(pressures, t_ns), t_ns), places)
         if len(set(found) - {0}) == 2:

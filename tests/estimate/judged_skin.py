@@ -27,7 +27,6 @@ class Skin:
     """
 
     def __init__(self, seed, mend=lambda raw, cycle, rng: None, arm=ARM):
-        print("seed", seed)
         self.rng = np.random.default_rng(seed)
         self.transducer = arm.patches[0].patch.transducer
         self.baseline, self.plausibility = Baseline(arm), Plausibility(arm)

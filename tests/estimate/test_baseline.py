@@ -5,6 +5,7 @@ import pytest
 
 from skinbus.estimate.baseline import FORGET_S, Baseline
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Surface
+from tests.marks import slow
 
 SIGMA = 200.0
 PERIOD_NS = 20_000_000
@@ -27,7 +28,7 @@ N = ARM.n_tactels
 
 def press(s, a, force):
     """Pa of a cone contact on every tactel."""
-    return Cone().pressure(ARM.links[0].surface.distance(ARM.tactel_s, ARM.tactel_a, s, a), force)
+    return Cone().pressure(ARM.distance(slice(None), s, a), force)
 
 
 class Skin:
@@ -106,9 +107,7 @@ def test_start_below_the_zero_band_makes_no_zero_and_no_pressure_of_true_zeros_a
     assert np.abs(skin.baseline.zeros).max() < 200.0
 
 
-@pytest.mark.parametrize(
-    "moved", [slice(0, 16), *(pytest.param(slice(*of), marks=pytest.mark.slow) for of in ((0, 48), (3, 4)))]
-)
+@pytest.mark.parametrize("moved", [slice(0, 16), *slow(slice(0, 48), slice(3, 4))])
 def test_what_drift_explains_is_released_after_a_long_touch(skin, moved):
     """0.3 % of full scale in 80 s, of a board, of all boards, of one tactel: more than the release."""
     skin.read(seconds=5)
@@ -180,7 +179,7 @@ def test_what_is_not_finite_or_of_a_clock_set_back_or_repeated_teaches_nothing(s
     assert np.array_equal(skin.baseline.zeros, before)
 
 
-@pytest.mark.parametrize("period_ns", [pytest.param(2_000_000, marks=pytest.mark.slow), 20_000_000])
+@pytest.mark.parametrize("period_ns", [*slow(2_000_000), 20_000_000])
 @pytest.mark.parametrize("seconds", [0.1, 0.3, 0.6])
 @pytest.mark.parametrize("depth", [1400.0, 2500.0])
 def test_readings_that_fall_below_the_zero_and_come_back_are_no_touch(depth, seconds, period_ns):

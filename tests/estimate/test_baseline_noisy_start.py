@@ -5,6 +5,7 @@ import pytest
 
 from skinbus.config.system import load_arm
 from skinbus.estimate import Baseline, Estimator
+from tests.marks import slow
 
 SEED = 20261130
 OFFSET = 300.0
@@ -25,22 +26,20 @@ class Start:
     def cycle(self, force=0.0):
         """Contacts of one cycle under a press in the middle."""
         self.t_ns += self.period_ns
-        placed, surface = self.arm.patches[0], self.arm.links[0].surface
-        d = surface.distance(placed.s, placed.a, self.arm.tactel_s, self.arm.tactel_a)
+        placed = self.arm.patches[0]
         read = self.zero + self.noise * self.rng.standard_normal(self.arm.n_tactels)
         if force:
-            read += placed.patch.law.pressure(d, force)
+            read += placed.patch.law.pressure(self.arm.distance(slice(None), placed.s, placed.a), force)
         self.baseline.apply(read, self.t_ns)
         return self.estimator.update(read, self.t_ns, baseline=self.baseline)
 
 
-@pytest.mark.parametrize("rate_hz", [20, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("rate_hz", [20, *slow(100)])
 @pytest.mark.parametrize("factor", [1.5, 2.0, 3.0, 5.0, 10.0])
 def test_a_noisy_board_makes_no_contact_from_its_first_reading_on(factor, rate_hz):
     for k in range(3):
         start = Start([SEED, k], factor, rate_hz)
         false = [n for n in range(5 * rate_hz) if len(start.cycle())]
-        print(k, false)
         assert not false
         assert not start.baseline.suspect.any()
         np.testing.assert_allclose(start.baseline.noise, start.noise, rtol=0.6)
@@ -62,14 +61,11 @@ def test_a_press_at_power_on_or_before_there_are_zeros_is_a_contact_soon_and_sta
         start = Start([SEED, 20 + k], factor, 50)
         rise = np.clip((np.arange(150) - onset) / 5, 0.0, 1.0) if onset else np.ones(150)
         found = [len(start.cycle(8.0 * share)) for share in rise]
-        print(k, found[onset : onset + 15])
         assert found[seen:] == [1] * (150 - seen)
 
 
 @pytest.mark.parametrize("start_s", [1.0, 3.0, 30.0])
-@pytest.mark.parametrize(
-    "pa_per_s", [*(pytest.param(pa, marks=pytest.mark.slow) for pa in (200.0, 1000.0)), 5000.0]
-)
+@pytest.mark.parametrize("pa_per_s", [*slow(200.0, 1000.0), 5000.0])
 def test_a_press_that_grows_slowly_is_a_contact_and_stays_one(start_s, pa_per_s):
     """Its readings do not raise the noise, and so the threshold, ahead of it."""
     for k in range(2):
@@ -86,7 +82,6 @@ def test_a_press_that_grows_slowly_is_a_contact_and_stays_one(start_s, pa_per_s)
                 rise >= 3500.0
             ):  # between four tactels each feels a third of it, and the threshold is 1200 Pa
                 growing.append(len(contacts))
-        print(k, sum(growing), len(growing), start.baseline.noise.max().round())
         assert sum(growing) >= 0.9 * len(growing)
         assert held == [1] * len(held)
         assert len(held) >= 140

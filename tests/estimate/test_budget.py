@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from numba import cfunc, types
 
-from skinbus.estimate import LEVELS, Clock, Estimator, Quality
+from skinbus.estimate import Clock, Estimator, Quality
 from skinbus.model import Cone
 from tests.hard.test_extremes import random_readings
+from tests.marks import fits, levels
 from tests.skins import cone_forearm
 
 TOUCHES = [(0.025, 0.0), (0.0255, 0.1275), (0.051, -0.1), (0.077, 0.0765), (0.128, -0.05), (0.04, 0.012)]
@@ -30,19 +31,16 @@ BUDGET = 20_000
 class FakeClock:
     """A clock that goes on by 1 us each time it is read, and counts how often."""
 
-    class Time(ctypes.Structure):
-        _fields_ = (("seconds", ctypes.c_int64), ("ns", ctypes.c_int64))
-
     def __init__(self):
         self.n_read = 0
-        prototype = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.POINTER(self.Time))
+        prototype = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.POINTER(ctypes.c_int64))
         self._function = prototype(self._read)  # kept: the address is that of this object
         self.clock = Clock(ctypes.cast(self._function, ctypes.c_void_p).value, 7)
 
     def _read(self, clock_id, answer):
         assert clock_id == 7
         self.n_read += 1
-        answer[0].seconds, answer[0].ns = divmod(1_700_000_000 * 10**9 + 1000 * self.n_read, 10**9)
+        answer[0], answer[1] = divmod(1_700_000_000 * 10**9 + 1000 * self.n_read, 10**9)
         return 0
 
 
@@ -92,7 +90,7 @@ def test_no_clock_is_read_without_a_budget_in_time(arm, pressures):
     assert fake.n_read == 0
 
 
-@pytest.mark.parametrize("level", ["fit", "full"])
+@fits
 @pytest.mark.parametrize("budget_us", [0, 1, 3, 10, 30, 100, 300])
 def test_clock_is_looked_at_until_time_is_out_and_then_never_again(arm, pressures, level, budget_us):
     fake = FakeClock()
@@ -113,7 +111,7 @@ def test_levels_run_without_pythons_lock(arm, pressures):
     assert not (contacts.quality & Quality.OVER_BUDGET).any()
 
 
-@pytest.mark.parametrize("level", ["fit", "full"])
+@fits
 def test_no_budget_is_exceeded_by_more_than_a_step_loses_a_touch_or_is_used_up_in_silence(
     arm, pressures, level
 ):
@@ -133,7 +131,7 @@ def test_no_budget_is_exceeded_by_more_than_a_step_loses_a_touch_or_is_used_up_i
     assert n_hurried > 10
 
 
-@pytest.mark.parametrize("level", ["fit", "full"])
+@fits
 def test_whatever_is_read_little_is_left_to_do_when_the_budget_is_used_up(arm, level):
     estimator = Estimator(arm, level, budget_work=BUDGET)
     largest = 8 * arm.n_tactels  # a step of a fit of eight contacts on the whole arm
@@ -141,7 +139,6 @@ def test_whatever_is_read_little_is_left_to_do_when_the_budget_is_used_up(arm, l
     for t in range(120):
         estimator.update(random_readings(arm, rng), t)
         most = max(most, (estimator.n_evaluated - BUDGET) / largest)
-    print(f"seed 33: {most:.1f} steps beyond the budget")
     assert 0.0 < most < 4.0
 
 
@@ -168,7 +165,7 @@ def test_budget_in_time_is_never_measured_by_a_clock_that_was_not_asked_for(arm,
     assert (Estimator(arm, "fit", budget_us=0).update(pressures, 0).level == "kmeans").all()
 
 
-@pytest.mark.parametrize("level", LEVELS)
+@levels
 def test_cheaper_level_for_a_cycle_gives_what_an_estimator_of_that_level_gives(arm, pressures, level):
     own = Estimator(arm, level).update(pressures, 0)
     assert same(Estimator(arm, "full").update(pressures, 0, level=level), own)

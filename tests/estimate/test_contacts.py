@@ -10,9 +10,9 @@ from skinbus.estimate import Estimator, Quality
 from skinbus.model import Arm, Cone, Transducer, grid
 from skinbus.sim.laws import Elastic
 from tests.hard.ground import LAWS, NOISE, THRESHOLD, Ground, law_of, pressures_under, touch
+from tests.marks import fits
 from tests.skins import cone_forearm, feel_of, shipped_law
 
-levels = pytest.mark.parametrize("level", ["fit", "full"])
 laws = pytest.mark.parametrize("law", LAWS)
 
 
@@ -20,7 +20,6 @@ class Skin:
     """A shipped arm under discs of one diameter, by the simulator's physics."""
 
     def __init__(self, name, diameter, seed):
-        print("seed", seed)
         self.arm = load_arm(name)
         self.rng = np.random.default_rng(seed)
         self._noise = np.random.default_rng(3)
@@ -77,7 +76,7 @@ def test_full_counts_four_to_nine_touches_two_pitches_apart(law):
 
 @pytest.mark.slow
 @laws
-@levels
+@fits
 def test_work_grows_with_the_number_of_contacts(law, level):
     whole = cone_forearm(rings=16)
     arm = Arm("126 boards", whole.links, whole.patches[:126]).with_law(law_of(law))
@@ -161,7 +160,6 @@ def test_a_touch_beyond_the_outermost_tactels_is_within_its_standard_deviations(
             off = np.array([contacts.s[c] - truth[1], contacts.a[c] - truth[2]])
             place, sd = contacts.covariance[c, :2, :2], np.sqrt(contacts.covariance[c, 2, 2])
             wrong += off @ np.linalg.solve(place, off) > 36.0 or abs(contacts.force[c] - force) > 6.0 * sd
-    print("seed 20261124,", law, wrong, "of", n, "beyond six standard deviations without a flag")
     assert wrong <= 0.01 * n
 
 
@@ -174,7 +172,6 @@ def test_contacts_are_true_within_their_covariance_whatever_presses(size_mm):
         contacts = estimator.update(skin.press([place], force), n)
         if len(contacts) == 1 and not contacts.quality[0] & Quality.FEW_TACTELS:
             squares.append(squared_error(contacts, 0, *place, force))
-    print(len(squares), np.mean(squares))
     assert len(squares) >= 140
     assert np.mean(squares) <= 2.0
 
@@ -208,7 +205,7 @@ def test_contacts_whose_peak_is_at_full_scale_are_true_within_their_covariance()
 # --- Sizes ---------------------------------------------------------------------------------------------
 
 
-@levels
+@fits
 def test_sizes_order_what_presses(level):
     sizes = []
     for size_mm in (2.0, 12.0, 25.0):

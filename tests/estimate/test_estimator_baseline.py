@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from skinbus.estimate import LEVELS, Baseline, Estimator, Quality
+from skinbus.estimate import Baseline, Estimator, Quality
 from skinbus.model import Arm, Cone, Transducer, grid
+from tests.marks import levels
 from tests.skins import PAD, cone_forearm
 
 SIGMA = 200.0
@@ -16,7 +17,6 @@ class Skin:
     """A pad, its baseline and its estimator; seed 5."""
 
     def __init__(self, level="kmeans"):
-        print("seed 5")
         self.arm = Arm.single_patch(
             grid(4, 4, 0.010), law=Cone(4e6), transducer=Transducer(full_scale=FULL_SCALE)
         )
@@ -32,8 +32,7 @@ class Skin:
         return self.estimator.update(out, self.t_ns, baseline=self.baseline)
 
     def press(self, force):
-        surface = self.arm.links[0].surface
-        return Cone(4e6).pressure(surface.distance(self.arm.tactel_s, self.arm.tactel_a, 0.005, 0.005), force)
+        return Cone(4e6).pressure(self.arm.distance(slice(None), 0.005, 0.005), force)
 
 
 def test_contact_near_the_threshold_does_not_flicker():
@@ -52,7 +51,7 @@ def test_contact_near_the_threshold_does_not_flicker():
     assert min(below) < skin.baseline.threshold[tactel]
 
 
-@pytest.mark.parametrize("level", LEVELS)
+@levels
 def test_held_touch_beside_a_higher_reading_that_is_none_is_one_contact(level):
     skin = Skin(level)
     for _ in range(50):
@@ -66,7 +65,7 @@ def test_held_touch_beside_a_higher_reading_that_is_none_is_one_contact(level):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("level", LEVELS)
+@levels
 def test_skin_that_has_become_noisier_makes_no_contact(level):
     skin = Skin(level)
     for n in range(3000):

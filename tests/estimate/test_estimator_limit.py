@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from skinbus.estimate import Baseline, Estimator
+from tests.marks import fits, levels, slow
 from tests.oracle.limit import SLACK, run
 from tests.skins import DRAWS, PAD, cone_forearm
-
-SLOW = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
@@ -17,9 +16,11 @@ SLOW = pytest.mark.slow
         (PAD, "full", "one 2-20 N", 1, 0.99, 1.1),
         (cone_forearm(), "fit", "seam", 1, 0.99, 1.2),
         (cone_forearm(), "full", "seam", 1, 0.99, 1.2),
-        pytest.param(PAD, "full", "two", 2, 0.98, 1.2, marks=SLOW),
-        pytest.param(cone_forearm(), "full", "two on seam", 2, 0.95, 1.3, marks=SLOW),
-        pytest.param(PAD, "full", "three", 3, 0.95, np.inf, marks=SLOW),
+        *slow(
+            (PAD, "full", "two", 2, 0.98, 1.2),
+            (cone_forearm(), "full", "two on seam", 2, 0.95, 1.3),
+            (PAD, "full", "three", 3, 0.95, np.inf),
+        ),
     ],
     ids=["one-fit", "one-full", "seam-fit", "seam-full", "two-full", "two on seam-full", "three-full"],
 )
@@ -31,7 +32,7 @@ def test_contacts_are_counted_and_reach_the_bound(arm, level, draw, n, right, ra
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("level", ["fit", "full"])
+@fits
 @pytest.mark.parametrize(
     ("arm", "draw"), [(PAD, "one 2-20 N"), (cone_forearm(), "seam")], ids=["one", "seam"]
 )
@@ -41,14 +42,13 @@ def test_reported_covariance_is_neither_proud_nor_shy(arm, draw, level):
     assert found.nees == pytest.approx(1.0, rel=0.1)
 
 
-@pytest.mark.parametrize("told", [False, pytest.param(True, marks=SLOW)], ids=["alone", "told by a baseline"])
-@pytest.mark.parametrize("level", ["kmeans", "fit", "full"])
+@pytest.mark.parametrize("told", [False, *slow(True)], ids=["alone", "told by a baseline"])
+@levels
 def test_noise_makes_no_contact(level, told):
     forearm = cone_forearm()
     estimator = Estimator(forearm, level)
     baseline = Baseline(forearm) if told else None
     rng = np.random.default_rng(7)
-    print("seed 7")
     for n in range(5_000):
         pressures = 200.0 * rng.standard_normal(forearm.n_tactels)
         if baseline is not None:

@@ -5,6 +5,7 @@ import pytest
 
 from skinbus.config.system import load_arm
 from skinbus.estimate import Baseline, Estimator
+from tests.marks import fits, levels
 
 SIGMA = 200.0
 BOARD = 5
@@ -36,7 +37,7 @@ def contacts_under(arm, level, shift, n, *, with_baseline, period_s=0.02, quiet=
             yield contacts
 
 
-@pytest.mark.parametrize("level", ["kmeans", "fit", "full"])
+@levels
 @pytest.mark.parametrize("boards", ["one", "all"])
 @pytest.mark.parametrize("with_baseline", [False, True])
 def test_offset_below_the_threshold_is_no_contact(arm, level, boards, with_baseline):
@@ -45,7 +46,7 @@ def test_offset_below_the_threshold_is_no_contact(arm, level, boards, with_basel
     assert not any(len(contacts) for contacts in found)
 
 
-@pytest.mark.parametrize("level", ["fit", "full"])
+@fits
 @pytest.mark.parametrize(
     ("seconds", "with_baseline", "share", "slack"),
     [(20, False, 1.0, 0.05), (20, True, 1.0, 0.05), (120, True, 0.99, 0.1)],
@@ -56,7 +57,6 @@ def test_held_finger_keeps_its_force_through_a_drift(arm, level, seconds, with_b
     settings = {"with_baseline": with_baseline, "period_s": 0.1, "quiet": 20, "seed": 55}
     found = list(contacts_under(arm, level, lambda t_s: pressed + 5.0 * t_s, 10 * seconds, **settings))
     forces = [contacts.force.sum() for contacts in found]
-    print(np.mean(forces[:20]), np.mean(forces[-20:]))
     assert np.mean([len(contacts) == 1 for contacts in found]) >= share
     assert np.mean(forces[-20:]) == pytest.approx(np.mean(forces[:20]), rel=slack)
 

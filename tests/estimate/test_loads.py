@@ -25,6 +25,10 @@ def meter(side, pitch):
     return LoadMeter(make_plate(side, pitch))
 
 
+def measured(a_meter, pressures):
+    return a_meter.measure(pressures, pressures > THRESHOLD)
+
+
 @pytest.mark.parametrize("name", INDENTERS)
 @pytest.mark.parametrize("board", LIMITS)
 def test_load_is_that_of_whatever_presses_and_its_deviation_is_true(board, name):
@@ -32,7 +36,7 @@ def test_load_is_that_of_whatever_presses_and_its_deviation_is_true(board, name)
     presses, error, share, place = Presses(a_meter.arm, name, 31), [], [], []
     for _ in range(60):
         pressures, force, at = presses.read()
-        loads = a_meter.measure(pressures, pressures > THRESHOLD)
+        loads = measured(a_meter, pressures)
         if loads.force == 0.0:
             continue  # a tip that nothing feels
         error.append(loads.force / force - 1.0)
@@ -41,10 +45,6 @@ def test_load_is_that_of_whatever_presses_and_its_deviation_is_true(board, name)
         place.append(0.5 * (off**2).sum() / loads.links.place_sd[0] ** 2)
     z = np.array(error) / share
     median, p95 = np.median(error), np.percentile(np.abs(error), 95)
-    print(
-        f"{board} {name}, seed 31: median {median:.3f} p95 {p95:.3f}"
-        f" nees {np.mean(z**2):.2f} place {np.mean(place):.2f}"
-    )
     most_median, most_p95, most_z = LIMITS[board][name]
     assert len(error) > 55
     assert abs(median) <= most_median
@@ -59,7 +59,7 @@ def test_patches_add_up_to_links_and_links_to_the_arm():
     arm = load_arm("arm", check_load=False)
     a_meter = LoadMeter(arm)
     pressures = 100.0 * np.random.default_rng(3).standard_normal(arm.n_tactels) + 3000.0
-    loads = a_meter.measure(pressures, pressures > THRESHOLD)
+    loads = measured(a_meter, pressures)
     for name in ("force", "area"):
         of_links = getattr(loads.links, name)
         assert np.bincount(arm.patch_link, getattr(loads.patches, name)) == pytest.approx(of_links)
@@ -72,7 +72,7 @@ def test_centre_of_pressure_of_a_press_through_the_wrap():
     a_meter, period = LoadMeter(arm), arm.links[0].surface.period
     d = arm.distance(slice(None), 0.076, 0.5 * period)
     pressures = 2e4 * np.exp(-((d / 0.03) ** 2))
-    links = a_meter.measure(pressures, pressures > THRESHOLD).links
+    links = measured(a_meter, pressures).links
     assert links.s[0] == pytest.approx(0.076, abs=1e-3)
     assert abs(links.a[0]) == pytest.approx(0.5 * period, abs=1e-3)
 
@@ -86,10 +86,9 @@ def test_touched_area_is_where_the_pressure_reaches_the_threshold():
         at = 0.1 + rng.uniform(-0.02, 0.02), rng.uniform(-0.02, 0.02)
         d = arm.distance(slice(None), *at)
         pressures = 2e4 * np.exp(-((d / 0.03) ** 2))
-        loads = a_meter.measure(pressures, pressures > THRESHOLD)
+        loads = measured(a_meter, pressures)
         assert loads.area == pytest.approx(area, rel=0.04)
         z.append((loads.area - area) / loads.area_sd)
-    print("seed 33, rms", np.sqrt(np.mean(np.square(z))))
     assert 0.3 < np.sqrt(np.mean(np.square(z))) < 2.0
 
 
@@ -108,7 +107,7 @@ def test_board_that_is_not_read_says_at_least(force):
 def test_missing_tactel_costs_certainty_not_force():
     a_meter = meter(8, 6.25e-3)
     pressures, _, _ = Presses(a_meter.arm, "palm", 34).read(60.0)
-    whole = a_meter.measure(pressures, pressures > THRESHOLD)
+    whole = measured(a_meter, pressures)
     missing = pressures.copy()
     missing[np.argsort(pressures)[-3:]] = np.nan
     less = a_meter.measure(missing, pressures > THRESHOLD)
@@ -122,7 +121,7 @@ def test_full_scale_says_at_least():
     assert pressures.max() > 250e3
     pressures = np.minimum(pressures, 250e3)
     top = a_meter.arm.tactel_patch[np.argmax(pressures)]
-    loads = a_meter.measure(pressures, pressures > THRESHOLD)
+    loads = measured(a_meter, pressures)
     assert loads.at_least[top]
     assert not a_meter.measure(np.minimum(pressures, 200e3), pressures > THRESHOLD).at_least.any()
 
@@ -156,11 +155,10 @@ def test_contacts_that_do_not_add_up_to_the_load_are_extended_and_others_are_not
         for t in range(20):
             pressures, _, _ = presses.read()
             contacts = estimator.update(pressures, t)
-            a_meter.flag_extended(contacts, a_meter.measure(pressures, pressures > THRESHOLD))
+            a_meter.flag_extended(contacts, measured(a_meter, pressures))
             flagged += np.count_nonzero(contacts.quality & Quality.EXTENDED)
             n += len(contacts)
         share[name] = flagged / n
-    print("seed 38", share)
     # level ``fit`` places several contacts under a palm, whose forces add up by chance now and then
     assert share["palm"] > 0.5
     assert share["edge"] > 0.2

@@ -20,6 +20,7 @@ from tests.estimate.judged_skin import (
     press,
     press_at,
 )
+from tests.marks import slow
 from tests.skins import feel_of
 
 ROW_INSIDE = [BOARD.start + k for k in range(4, 8)]
@@ -95,7 +96,6 @@ def test_dead_tactel_is_named_within_ten_touches_of_its_neighbourhood(tactels, n
             n_touches += 1
         n.append(n_touches if skin.faulty else 11)
         assert set(skin.faulty) <= set(tactels)
-    print(sorted(n))
     assert np.mean(np.array(n) <= 10) >= share
 
 
@@ -120,7 +120,7 @@ def test_jumping_tactel_is_named():
     assert skin.faulty == [INNER]
 
 
-@pytest.mark.parametrize("least", [800, pytest.param(3000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("least", [800, *slow(3000)])
 def test_no_false_alarm_of_touches_anywhere_one_to_three_at_once(least):
     n, n_missing, cycles = touched(11, least)
     assert n == 0
@@ -132,10 +132,7 @@ def test_no_false_alarm_of_touches_anywhere_one_to_three_at_once(least):
     [
         (1, 10.0),
         (3, 30.0),
-        *(
-            pytest.param(*of, marks=pytest.mark.slow)
-            for of in [(1, 3.0), (1, 30.0), (2, 3.0), (2, 10.0), (3, 5.0)]
-        ),
+        *slow((1, 3.0), (1, 30.0), (2, 3.0), (2, 10.0), (3, 5.0)),
     ],
 )
 def test_tactels_beside_a_narrow_tip_that_presses_one_place_again_and_again_are_not_faulty(radius_mm, force):

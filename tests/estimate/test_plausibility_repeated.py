@@ -18,6 +18,7 @@ from tests.estimate.judged_skin import (
     press,
     press_at,
 )
+from tests.marks import slow
 
 STEP = TRANSDUCER.resolution
 PRESS = press(ARM.tactel_s[INNER], ARM.tactel_a[INNER], 20.0)
@@ -71,9 +72,7 @@ def test_board_that_froze_while_it_was_not_used_is_withheld_when_it_is_used_agai
     assert not any(withheld(skin, PRESS, 50))
 
 
-@pytest.mark.parametrize(
-    "noise", [0.15, 0.3, *(pytest.param(noise, marks=pytest.mark.slow) for noise in (0.05, 0.6))]
-)
+@pytest.mark.parametrize("noise", [0.15, 0.3, *slow(0.05, 0.6)])
 def test_noise_of_less_than_a_count_makes_no_false_alarm_although_more_is_declared(noise):
     """The touch moves the readings to other parts of a step, where they change less often."""
 
@@ -124,9 +123,7 @@ def test_board_at_a_rail_is_withheld_at_once_and_named_within_half_a_second_and_
     assert np.abs(skin.baseline.zeros - skin.zeros)[BOARD].max() < 150.0
 
 
-@pytest.mark.parametrize(
-    "length", [6, 19, 22, *(pytest.param(n, marks=pytest.mark.slow) for n in (12, 24, 200))]
-)
+@pytest.mark.parametrize("length", [6, 19, 22, *slow(12, 24, 200)])
 @pytest.mark.parametrize("pause", [5, 100])
 def test_no_number_of_freezes_hides_the_next(length, pause):
     skin = Skin(20)
@@ -155,7 +152,6 @@ def test_tactel_that_stops_in_a_touch_is_missing_at_its_fourth_repetition(ramp):
         skin.read(ramp[0] * touch)
         used = [bool(np.isfinite(skin.read(now * touch)[tactel])) for now in ramp[1:]]
         n_used.append(sum(used))
-    print(n_used)
     assert max(n_used) <= 3
 
 
@@ -163,6 +159,5 @@ def test_tactel_that_stops_in_a_touch_is_missing_at_its_fourth_repetition(ramp):
 def test_coarse_steps_make_no_false_alarm_in_touches(bits):
     arm = coarse_arm(bits)
     n, n_missing, cycles = touched(31, 1000, arm)
-    print(n_missing, "missing")
     assert n == 0
     assert n_missing <= 1e-4 * cycles * arm.n_tactels, "readings that only look so are rare"

@@ -21,30 +21,28 @@ TRIALS = 60
 def rows():
     """The cases that a level cannot solve, the worst of surfaces and laws; and what does not hold."""
     table = [
-        ["case", "contacts", "place off by, mm", "force off by, %", "reported sd, mm", "flags"],
-        ["---"] * 6,
+        "case | contacts | place off by, mm | force off by, % | reported sd, mm | flags",
+        " | ".join(["---"] * 6),
     ]
     faults = []
     for name in CASES:
         outcomes = outcomes_of(name, LEVEL)
         faults += [f"{name}, {' '.join(g)}: {f}" for g, o in outcomes.items() for f in o.faults]
         found = outcomes.values()
-        counts = [o.n for o in found]
         place, force, sd = (
-            max((getattr(o, key) for o in found if math.isfinite(getattr(o, key))), default=0.0)
+            max(filter(math.isfinite, (getattr(o, key) for o in found)), default=0.0)
             for key in ("place", "force", "sd")
         )
         if place > PLACE or force > FORCE:
-            row = [name, "–".join(str(n) for n in sorted({min(counts), max(counts)}))]
-            row += [
-                f"{1e3 * place:.2g}" if place > 1e-6 else "",
-                f"{100 * force:.3g}" if force > 1e-3 else "",
-            ]
-            row += [
-                f"{1e3 * sd:.2g}" if sd else "",
-                ", ".join(sorted({q.name for o in found for q in o.quality})),
-            ]
-            table.append(row)
+            counts = sorted(o.n for o in found)
+            row = name, "–".join(map(str, dict.fromkeys((counts[0], counts[-1]))))
+            numbers = (
+                f"{1e3 * place:.2g}" * (place > 1e-6),
+                f"{100 * force:.3g}" * (force > 1e-3),
+                f"{1e3 * sd:.2g}" * (sd > 0.0),
+            )
+            flags = ", ".join(sorted({q.name for o in found for q in o.quality}))
+            table.append(" | ".join((*row, *numbers, flags)))
     return table, faults
 
 
@@ -69,7 +67,7 @@ def draw():
 
 
 table, faults = rows()
-text = "".join("| " + " | ".join(row) + " |\n" for row in table)
+text = "".join(f"| {row} |\n" for row in table)
 before, rest = PAGE.read_text().split(BEGIN)
 PAGE.write_text(f"{before}{BEGIN}\n\n{text}\n{END}{rest.split(END)[1]}")
 draw()

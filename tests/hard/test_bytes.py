@@ -12,6 +12,7 @@ from skinbus.node.device import Device
 from skinbus.objects.eds import load_eds
 from skinbus.objects.readings import ReadingsPlan
 from tests.hard.check import check_contacts
+from tests.marks import slow
 
 PERIOD_NS = 20_000_000
 N_QUIET = 30
@@ -30,7 +31,7 @@ def patterns(rng, n):
         yield np.full(n, rng.choice([-0x8000, 0x7FFF]))
 
 
-@pytest.mark.parametrize(("name", "n_cycles"), [("pad", 60), pytest.param("arm", 40, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("name", "n_cycles"), [("pad", 60), *slow(("arm", 40))])
 @pytest.mark.parametrize("zero_at_start", [False, True])
 def test_any_counts_give_sound_contacts_and_tracks(name, n_cycles, zero_at_start):
     """Frames that are lost, late or in another order: ``tests/fuzz/test_fuzz_master.py``."""
@@ -38,7 +39,6 @@ def test_any_counts_give_sound_contacts_and_tracks(name, n_cycles, zero_at_start
     cycle = Cycle(arm, ReadingsPlan(arm, ods_of(arm)), Estimator(arm, "full"), zero_at_start=zero_at_start)
     full = np.array([p.patch.transducer.full_counts for p in arm.patches])[arm.tactel_patch]
     rng = np.random.default_rng(8)
-    print("seed 8")
     shown, n_contacts, t_ns = patterns(rng, arm.n_tactels), 0, 0
     for n in range(-N_QUIET, n_cycles):
         t_ns += PERIOD_NS if n < 0 else int(rng.choice([PERIOD_NS, 0, -PERIOD_NS, 10**9, 1]))

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from skinbus.errors import EdsError
-from skinbus.estimate import LEVELS, Baseline, Estimator, Tracker
+from skinbus.estimate import Baseline, Estimator, Tracker
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, Transducer, grid
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
 from tests.hard.ground import FULL_SCALE, PITCH, law_of, pressures_under
+from tests.marks import levels
 
 UV = grid(4, 4, PITCH)
 PERIOD_NS = 20_000_000
@@ -106,7 +107,7 @@ def test_numbers_in_an_eds_that_are_none_are_named(name, value, monkeypatch):
 # --- Full scale -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("level", LEVELS)
+@levels
 @pytest.mark.parametrize("value", [FULL_SCALE, 5e5, 1e300])
 def test_a_zero_taken_at_full_scale_leaves_a_tactel_with_nothing_to_say(level, value):
     arm = board()
@@ -122,7 +123,7 @@ def test_a_zero_taken_at_full_scale_leaves_a_tactel_with_nothing_to_say(level, v
         assert len(estimator.update(pressures, n * PERIOD_NS, baseline=baseline)) == 0
 
 
-@pytest.mark.parametrize("level", LEVELS)
+@levels
 def test_a_gain_of_zero_makes_a_dead_tactel(level):
     gain = np.ones(16)
     gain[[0, 15]] = 0.0

@@ -8,6 +8,7 @@ import pytest
 
 import skinbus
 from skinbus.estimate import Quality
+from tests.files import put
 from tests.hard.check import SIGMAS
 
 PITCH = 6.0e-3
@@ -54,9 +55,7 @@ def scene_of(name):
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "level"), CASES)
 def test_contacts_are_within_six_sd_or_flagged(name, level, tmp_path):
-    print(f"seed {SEED}")
-    scene = tmp_path / "scene.toml"
-    scene.write_text(scene_of(name))
+    scene = put(tmp_path, "scene.toml", scene_of(name))
     n_touches = n_missed = 0
     with skinbus.simulate(scene, level=level) as skin:
         for cycle in skin:

@@ -10,6 +10,7 @@ import pytest
 from skinbus.estimate import LEVELS, Estimator
 from tests.hard.check import WORK_PER_TACTEL, check_contacts
 from tests.hard.ground import FULL_SCALE, LAWS, NOISE, SURFACES, THRESHOLD, Ground, pressures_under
+from tests.marks import slow
 
 COUNT = FULL_SCALE / 32767.0
 POOL = np.array(
@@ -37,7 +38,7 @@ def random_readings(arm, rng):
     return np.where(broken, rng.choice(POOL, size=n), fields)
 
 
-@pytest.mark.parametrize("n_cycles", [36, pytest.param(720, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_cycles", [36, *slow(720)])
 def test_extreme_readings_give_sound_contacts_in_bounded_work(n_cycles):
     # one board and two across a seam
     boards = [

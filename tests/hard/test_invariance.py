@@ -10,9 +10,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skinbus.estimate import LEVELS, Estimator
+from skinbus.estimate import Estimator
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Radial, Surface, Transducer, grid
 from tests.hard.ground import LAWS, PITCH, SURFACES, Ground, law_of, pressures_under, touch
+from tests.marks import levels
 
 PLACE = 3e-7
 FORCE = 3e-5
@@ -20,7 +21,6 @@ SIGMA = 1e-3
 """Relative, of reported standard deviations: their change over PLACE."""
 SEEDS = range(10)
 UV = grid(4, 4, PITCH)
-levels = pytest.mark.parametrize("level", LEVELS)
 laws = pytest.mark.parametrize("law", LAWS)
 
 
@@ -76,7 +76,6 @@ def test_order_does_not_matter_to_touches_that_meet_at_corners_and_seams(law):
     # a tactel at a corner is the border to two patches at once. Fits start from here; where several contacts
     # overlap, they may still end in different modes
     rng, arm = np.random.default_rng(5), Ground("plane", law).arm()
-    print("seed 5")
     other, tactels = renumber(arm, np.arange(arm.n_tactels), rng)
     one, two = Estimator(arm), Estimator(other)
     for n in range(60):

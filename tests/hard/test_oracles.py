@@ -25,7 +25,6 @@ laws = pytest.mark.parametrize("kind", LAWS)
 def test_no_start_of_scipy_ends_lower(kind, level, n):
     arm = Arm.single_patch(grid(4, 4, 0.010), law=law_of(kind))
     estimator, rng = Estimator(arm, level), np.random.default_rng(21)
-    print("seed 21")
     listed = []
     for case in range(8):
         places = rng.uniform(-0.013, 0.013, (n, 2))
@@ -53,5 +52,4 @@ def test_no_start_of_scipy_ends_lower(kind, level, n):
             # the rim of a cone goes through a tactel, chi^2 has a kink: the fit stops near it or says so
             assert mine <= best + NEAR_KINK or (contacts.quality & Quality.NOT_CONVERGED).all(), case
             assert mine <= best + KINK, case
-    print("stopped at a kink:", listed)
     assert len(listed) <= (1 if kind == "cone" else 0)

@@ -18,6 +18,7 @@ import pytest
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
 from skinbus.objects.eds import find_eds
+from tests.files import put
 from tests.master import commission
 
 NPM = Path(__file__).parent / "npm"
@@ -131,9 +132,7 @@ def resolved_eds(name, node_id, folder):
     text = find_eds(name).read_text()
     text = re.sub(r"\$NODEID\+(0x[0-9A-Fa-f]+)", lambda match: f"0x{int(match[1], 16) + node_id:08X}", text)
     assert "$NODEID" not in text
-    path = folder / f"{name}-{node_id}.eds"
-    path.write_text(text)
-    return path
+    return put(folder, f"{name}-{node_id}.eds", text)
 
 
 def require_npm_canopen():

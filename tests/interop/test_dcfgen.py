@@ -10,6 +10,7 @@ from skinbus.can.frame import Frame
 from skinbus.node import Device
 from skinbus.objects.cia import NmtCommand
 from skinbus.objects.eds import load_eds
+from tests.files import put
 from tests.lely import dcfchk, for_lely
 from tests.master.sdo_reads import read, write
 
@@ -68,9 +69,9 @@ def generated(tmp_path_factory):
     """What dcfgen makes of a bus with three of our patches."""
     folder = tmp_path_factory.mktemp("dcfgen")
     names = {"patch": for_lely("skin-patch", folder), "patch_8bit": for_lely("skin-patch-8bit", folder)}
-    (folder / "bus.yml").write_text(BUS.format(master=MASTER, **names))
+    bus = put(folder, "bus.yml", BUS.format(master=MASTER, **names))
     run = subprocess.run(
-        [sys.executable, "-m", "dcfgen.cli", "-r", "-d", folder, folder / "bus.yml"],
+        [sys.executable, "-m", "dcfgen.cli", "-r", "-d", folder, bus],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert run.returncode == 0, run.stderr

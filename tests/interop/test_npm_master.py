@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from skinbus.config.system import load_arm
-from skinbus.master import Master
 from skinbus.master.patches.table import PatchState
 from skinbus.node import Device
 from skinbus.objects.eds import load_eds
@@ -26,9 +25,9 @@ def number(data, form):
 
 def test_client_reads_contacts_by_sdo_and_receives_their_tpdo(bench):
     scene = load_scene("pad")
-    cycles = []
     bench.attach(World(scene))
-    bench.attach(Master(scene.arm, on_cycle=cycles.append))
+    bench.start()
+    cycles = bench.reports
     bench.pass_ms(200)  # the master resets all nodes when it begins, the client too
     bench.ask("open", id=PEER, eds=None)
     bench.ask("addServer", node=MASTER)
@@ -65,9 +64,8 @@ def test_device_of_another_make_is_booted_and_its_readings_become_a_contact(benc
     arm = load_arm("pad")
     node_id = int(arm.node_id[0])
     bench.ask("open", id=node_id, eds=str(resolved_eds("skin-patch", node_id, tmp_path)))
-    cycles = []
-    master = Master(arm, on_cycle=cycles.append)
-    bench.attach(master)
+    master = bench.start()
+    cycles = bench.reports
     bench.ask("start")
     bench.pass_ms(3000)
     assert [PatchState(state) for state in master.table.state] == [PatchState.OPERATIONAL]
@@ -115,7 +113,7 @@ def test_consumer_of_our_sync_emcy_and_pdos_sees_no_error_with_default_settings(
     node_id = int(scene.arm.node_id[0])
     world = World(scene)
     bench.attach(world)
-    bench.attach(Master(scene.arm))
+    bench.start()
     bench.pass_ms(200)
     bench.ask("open", id=PEER, eds=None)
     bench.ask("start")

@@ -7,6 +7,7 @@ from skinbus.master.patches.table import PatchState
 from skinbus.skin.cycle import SkinLayout
 from skinbus.skin.feed import Feed
 from skinbus.skin.listened import ListenCore
+from tests.files import put
 from tests.master.rig import MS, Rig
 
 ARM = """
@@ -63,9 +64,8 @@ class FreeRig(Rig):
     """Two boards on a plate, one of them or both run freely."""
 
     def __init__(self, folder, first, second, rate_hz=50.0):
-        (folder / "free.toml").write_text(ARM.format(rate_hz=rate_hz, first=first, second=second))
-        (folder / "scene.toml").write_text(SCENE)
-        super().__init__(folder / "scene.toml")
+        put(folder, "free.toml", ARM.format(rate_hz=rate_hz, first=first, second=second))
+        super().__init__(put(folder, "scene.toml", SCENE))
         self.world.on_sample = self.note
         self.offset_ns = 0
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from skinbus.can.event import EventKind
+from tests.marks import slow
 from tests.master.misbehaving_rig import Foreign, MisbehavingRig, booted
 from tests.master.rig import MS
 
@@ -13,10 +14,10 @@ from tests.master.rig import MS
     [
         (1.3, 1),
         (1.3, 4),
-        *(pytest.param(n, 1, marks=pytest.mark.slow) for n in (1.05, 1.99, 2.3, 3.2, 6.5, 10.5)),
+        *slow(*((n, 1) for n in (1.05, 1.99, 2.3, 3.2, 6.5, 10.5))),
     ],
 )
-@pytest.mark.parametrize("from_the_start", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("from_the_start", [True, *slow(False)])
 def test_patch_that_is_always_late_by_more_than_a_period_is_never_fresh_and_named(
     periods, from_the_start, first_late
 ):
@@ -43,7 +44,6 @@ def test_patch_that_never_answers_in_full_costs_the_others_no_latency():
     before, _ = p50_ms()
     rig.patches.delay = lambda node, tpdo: None if (node, tpdo) == (node_id, 2) else 0
     after, share = p50_ms()
-    print(f"p50 of SYNC to contact: {before:.2f} -> {after:.2f} ms")
     assert after < 1.1 * before
     assert share[3] == 0.0
     others = np.delete(share, 3)

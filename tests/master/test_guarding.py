@@ -11,6 +11,7 @@ from skinbus.master.guarding import DIFFERENT, Guarding
 from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.objects.cia import EmcyCode
 from skinbus.objects.guard import GuardLimits
+from tests.files import put
 from tests.master.rig import Rig
 
 DEAD = 5
@@ -82,8 +83,7 @@ end_s = 1000
 
 def guarding_of(folder, text, zeros):
     """The guarding of an arm with these zeros, the arm, and the areas of its tactels."""
-    (folder / "arm.toml").write_text(text)
-    arm = load_arm(folder / "arm.toml")
+    arm = load_arm(put(folder, "arm.toml", text))
     cycle = Master(arm).cycle
     cycle.baseline.felt.zero[:] = zeros
     return Guarding(cycle, slice(0, 3), ods_of(arm), PatchTable(arm.n_patches)), arm, cycle.areas
@@ -141,9 +141,8 @@ def test_a_tactel_at_full_scale_is_beyond_a_limit_of_force(tmp_path):
 
 @pytest.fixture
 def rig(tmp_path):
-    (tmp_path / "arm.toml").write_text(ARM)
-    (tmp_path / "scene.toml").write_text(SCENE)
-    return Rig(tmp_path / "scene.toml")
+    put(tmp_path, "arm.toml", ARM)
+    return Rig(put(tmp_path, "scene.toml", SCENE))
 
 
 def held(rig, node_id):

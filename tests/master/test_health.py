@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skinbus.master.health import SETTLED
 from skinbus.model import Arm
 from tests.master.watched import Watched
 
@@ -17,23 +16,14 @@ SEED = 20261203
 def settled():
     """A board that is commissioned."""
     watched = Watched(SEED)
-    watched.zero[:] = 600.0
-    watched.run(10 * SETTLED + 30)
+    watched.settle()
     return json.loads(json.dumps(watched.tables()))
 
 
-def board(tables, **changes):
-    """The same board, later."""
-    watched = Watched(SEED + 1, tables=tables)
+def test_faults_are_counted(settled):
+    watched = Watched(SEED + 1, tables=settled)
     assert watched.taken == 1
     watched.zero[:] = 600.0
-    for name, values in changes.items():
-        getattr(watched, name)[:] = values
-    return watched
-
-
-def test_faults_are_counted(settled):
-    watched = board(settled)
     watched.zero[2] = -30e3  # out of its band
     watched.run(20)
     assert watched.health.records["faults"][2] >= 1

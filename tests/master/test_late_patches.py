@@ -5,6 +5,7 @@ import pytest
 
 from skinbus.can.event import EventKind
 from skinbus.objects import cia
+from tests.files import put
 from tests.master.misbehaving import Tool
 from tests.master.misbehaving_rig import booted
 
@@ -18,9 +19,8 @@ OTHERS = [0, 2]
 
 @pytest.fixture
 def rig(tmp_path):
-    (tmp_path / "arm.toml").write_text(LINK + "".join(PATCH.format(k, 60 * k - 30) for k in (1, 2, 3)))
-    (tmp_path / "scene.toml").write_text(SCENE)
-    return booted(tmp_path / "scene.toml")
+    put(tmp_path, "arm.toml", LINK + "".join(PATCH.format(k, 60 * k - 30) for k in (1, 2, 3)))
+    return booted(put(tmp_path, "scene.toml", SCENE))
 
 
 def lose_one(rig):

@@ -3,29 +3,11 @@
 import numpy as np
 import pytest
 
-from skinbus.can.event import EventKind
 from skinbus.master.level_control import with_level
-from skinbus.master.patches.table import PatchState
 from skinbus.objects.contacts import LENGTH_STEP, PAYLOAD, ContactState
 
 CONTACT_IDS = range(0x681, 0x691)
 SUMMARY_ID = 0x180 + 127
-
-
-def kinds(events, node_id):
-    return [event.kind for event in events if event.node_id == node_id and event.kind != EventKind.NMT_STATE]
-
-
-def test_all_patches_are_started_and_fresh_in_every_cycle(forearm):
-    forearm.run(200)
-    cycles, _, _ = forearm.run(1000)
-    assert len(cycles) == 50
-    assert {cycle.n_fresh for cycle in cycles} == {24}
-    assert [forearm.state(node_id) for node_id in (1, 24, 25)] == [
-        PatchState.OPERATIONAL,
-        PatchState.OPERATIONAL,
-        PatchState.UNUSED,
-    ]
 
 
 def test_contact_of_a_touch_is_on_the_bus_as_its_tpdo_and_record_say(forearm):

@@ -5,6 +5,7 @@ import pytest
 from skinbus.can.frame import Frame
 from skinbus.objects import cia
 from skinbus.objects.contacts import ContactState
+from tests.files import put
 from tests.master.rig import Rig
 from tests.master.sdo_reads import MASTER, write
 
@@ -26,8 +27,7 @@ end_s = 1.5
 
 @pytest.fixture
 def bench(tmp_path):
-    (tmp_path / "scene.toml").write_text(SCENE)
-    bench = Rig(tmp_path / "scene.toml")
+    bench = Rig(put(tmp_path, "scene.toml", SCENE))
     bench.run(1000)
     return bench
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from skinbus.estimate import TrackState
+from tests.files import put
 from tests.master.restarting import SCENE, Restarts
 
 
 def restarts_of(folder, text=SCENE, **settings):
     """The restarts of a scene."""
-    (folder / "scene.toml").write_text(text)
-    return Restarts(folder / "scene.toml", level="fit", **settings)
+    return Restarts(put(folder, "scene.toml", text), level="fit", **settings)
 
 
 def shown(report):

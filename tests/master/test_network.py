@@ -7,8 +7,9 @@ from skinbus.master.network import MISSING
 from skinbus.objects import cia
 from tests.master.sdo_reads import MASTER, number
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 def test_expected_identities_and_watches_are_those_of_the_arm_file(forearm):
     forearm.run(200)
     master = forearm.master
@@ -25,7 +26,6 @@ def test_expected_identities_and_watches_are_those_of_the_arm_file(forearm):
     assert number(master, cia.EMCY_CONSUMER, absent) == 0x80000000
 
 
-@pytest.mark.slow
 def test_nmt_states_are_live(forearm):
     forearm.run(500)
     assert number(forearm.master, cia.REQUEST_NMT, 5) == cia.NmtState.OPERATIONAL

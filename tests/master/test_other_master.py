@@ -19,22 +19,23 @@ SYNC = 0x080
 ARM = load_arm("pad")
 
 
+def told(events):
+    """What events say of another master."""
+    return [event.kind for event in events if event.kind.startswith("other-master")]
+
+
 def test_another_master_is_reported_once_when_it_comes_and_once_when_it_is_gone():
     rig = Rig("pad")
     rig.run(1000)
-    assert not [event for event in rig.events if event.kind.startswith("other-master")]
+    assert not told(rig.events)
     begin_ns = rig.wire.now_ns + 3 * MS
     rig.wire.attach(Foreign(1000 / 17, begin_ns, begin_ns + 500 * MS))
     reports, events, frames = rig.run(500)
-    assert [event.kind for event in events if event.kind.startswith("other-master")] == [
-        EventKind.OTHER_MASTER
-    ]
+    assert told(events) == [EventKind.OTHER_MASTER]
     assert (EmcyCode.COMMUNICATION, SYNC) in emcy(frames)
     assert len(reports) >= 45
     reports, events, frames = rig.run(100 + GONE_NS / MS)
-    assert [event.kind for event in events if event.kind.startswith("other-master")] == [
-        EventKind.OTHER_MASTER_END
-    ]
+    assert told(events) == [EventKind.OTHER_MASTER_END]
     assert rig.master.device.get(0x1001, 0) == 0
     assert reports[-1].n_fresh == 1
 

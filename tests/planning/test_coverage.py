@@ -27,8 +27,7 @@ def radial():
 
 
 def pressures(arm, s, a, force):
-    d = arm.links[0].surface.distance(s, a, arm.tactel_s, arm.tactel_a)
-    return arm.patches[0].patch.law.pressure(d, force)
+    return arm.patches[0].patch.law.pressure(arm.distance(slice(None), s, a), force)
 
 
 @pytest.mark.slow

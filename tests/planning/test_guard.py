@@ -8,6 +8,7 @@ from skinbus.planning.guard import guard_bound
 from skinbus.planning.plan import plans
 from skinbus.planning.schedule import Release
 from tests.cli.invoke import run
+from tests.files import put
 
 GUARD = """
 [guard]
@@ -30,8 +31,7 @@ def guarded(tmp_path, name, guard=GUARD, changes=()):
     text = find_arm(name).read_text() + guard
     for old, new in dict(changes).items():
         text = text.replace(old, new)
-    (tmp_path / "arm.toml").write_text(text)
-    return tmp_path / "arm.toml"
+    return put(tmp_path, "arm.toml", text)
 
 
 def bounds(path, **settings):

@@ -12,6 +12,7 @@ from skinbus.planning.schedule import Release, cycle_times
 from skinbus.planning.traffic import traffic
 from skinbus.sim import World, load_scene
 from tests.cli.invoke import run
+from tests.files import put
 
 COMPUTES = {"kmeans": 400_000, "fit": 500_000}
 
@@ -104,8 +105,7 @@ RING = '[[ring]]\nlink = "forearm"\ns_mm = {s}\ncount = 8\nfirst_node_id = {firs
 def forearm_with(folder, eds, rate_hz, canfd=""):
     text = CANFD.format(rate_hz=rate_hz, canfd=canfd)
     text += "".join(RING.format(s=28 + 51 * k, first=1 + 8 * k, eds=eds) for k in range(3))
-    (folder / "fd.toml").write_text(text)
-    return folder / "fd.toml"
+    return put(folder, "fd.toml", text)
 
 
 def test_plan_counts_can_fd_frames_in_both_phases(tmp_path):
@@ -163,7 +163,7 @@ def test_least_change_that_is_enough_is_named(tmp_path, eds, rate_hz, bitrate, l
 @pytest.mark.slow
 def test_boards_of_ones_own_have_the_same_remedies_as_shipped_ones(tmp_path):
     own = NewBoard(name="own.eds", tactels_uv=grid(4, 4, 10e-3), pitch=10e-3, bits=12)
-    (tmp_path / "own.eds").write_text(own.text())
+    put(tmp_path, "own.eds", own.text())
     arms = [
         load_arm(forearm_with(tmp_path, eds, 90.0), check_load=False) for eds in ("skin-patch", "own.eds")
     ]

@@ -3,6 +3,7 @@
 import pytest
 
 from skinbus.study.paper import EDGE, PaperCase, press
+from tests.marks import levels
 
 TRIALS = 60
 SEED = 20
@@ -18,7 +19,7 @@ def density():
     return [errors(side=side, pitch=EDGE / side) for side in (3, 4, 5, 8)]
 
 
-@pytest.mark.parametrize("level", ["kmeans", "fit", "full"])
+@levels
 @pytest.mark.parametrize("column", ["position_mm", "force_pct"])
 def test_denser_tactels_err_less_in_place_and_force_as_figures_7_and_8(density, level, column):
     values = [getattr(cell[level], column) for cell in density]

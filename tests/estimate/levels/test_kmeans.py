@@ -48,7 +48,6 @@ def spread(uv, weights, labels, k):
 @pytest.mark.parametrize(("n", "k"), [(4, 2), (6, 3), (8, 2), (8, 3), (9, 2), (10, 2)])
 def test_clusters_are_fixed_points_and_the_best_of_random_starts_is_the_best_of_all_partitions(n, k):
     rng = np.random.default_rng(100 * n + k)
-    print("seed", 100 * n + k)
     every = np.array([labels for labels in itertools.product(range(k), repeat=n) if len(set(labels)) == k])
     for _ in range(3):
         uv, weights = rng.uniform(-0.02, 0.02, (n, 2)), rng.uniform(2e3, 2e4, n)
@@ -114,7 +113,6 @@ def elastic(d, force):
     ids=["cone", "elastic", "cone two", "elastic two"],
 )
 def test_contacts_anywhere_on_a_forearm_25_mm_apart_are_counted(arm, field, n_touches, n_cases, right):
-    print("seed 11")
     estimator, rng, surface = Estimator(arm, "kmeans"), np.random.default_rng(11), arm.links[0].surface
     low, high = arm.tactel_s.min() - 0.005, arm.tactel_s.max() + 0.005
     n_right = n = 0

@@ -25,7 +25,6 @@ class Story:
     """A dialogue, a hand, and an arm as it is mounted."""
 
     def __init__(self, name="forearm", seed=SEED):
-        print(f"seed {seed}")
         self.plan, self.mountings, places, kinds = prepared(name)
         self.arm = mounted(self.plan, seed)
         self.hand, self.person = Hand(self.arm, seed + 1), Person(self.arm, seed + 2)

@@ -70,24 +70,20 @@ ASK_NODE_ID = b"\x5e".ljust(8, b"\0")
 REFUSAL = b"\x11\x01".ljust(8, b"\0")
 
 
-def refuses(device):
-    """Let a node answer "out of range" to every node-ID; as one whose memory is locked does."""
+def replaced(frame, begin, data):
+    return frame._replace(data=data) if frame.data[:1] == begin else frame
 
-    class Locked(Wrapped):
-        def step(self, now_ns, frames):
-            # in place of being given a node-ID it is asked for its own: it answers both in one mode only
-            asked = [self.replaced(f, cia.LSS_MASTER_ID, b"\x11", ASK_NODE_ID) for f in frames]
-            step = device.step(now_ns, asked)
-            if asked == list(frames):
-                return step
-            answers = [self.replaced(f, cia.LSS_SLAVE_ID, ASK_NODE_ID[:1], REFUSAL) for f in step.frames]
-            return step._replace(frames=answers)
 
-        @staticmethod
-        def replaced(frame, can_id, begin, data):
-            return frame._replace(data=data) if (frame.can_id, frame.data[:1]) == (can_id, begin) else frame
+class Locked(Wrapped):
+    """It answers "out of range" to every node-ID; as one whose memory is locked does."""
 
-    return Locked(device)
+    def step(self, now_ns, frames):
+        # in place of being given a node-ID it is asked for its own: it answers both in one mode only
+        asked = [replaced(f, b"\x11", ASK_NODE_ID) if f.can_id == cia.LSS_MASTER_ID else f for f in frames]
+        step = self.device.step(now_ns, asked)
+        if asked == list(frames):
+            return step
+        return step._replace(frames=[replaced(f, ASK_NODE_ID[:1], REFUSAL) for f in step.frames])
 
 
 @pytest.mark.parametrize(
@@ -104,7 +100,7 @@ def test_a_node_that_does_not_move_stops_those_behind_it_or_is_named(wanted, loc
     known = [Known(address(serial), node_id) for serial, node_id in zip(devices, wanted, strict=True)]
     core = Assigner(known=known, free=range(1, 10))
     fresh = patch(UNCONFIGURED, serial=5)
-    Bench(*(refuses(d) if serial == locked else d for serial, d in devices.items()), fresh).run(core)
+    Bench(*(Locked(d) if serial == locked else d for serial, d in devices.items()), fresh).run(core)
     assert [device.node_id for device in devices.values()] == after
     for result in core.results:
         device = devices.get(result.address.serial, fresh)

@@ -9,6 +9,7 @@ from skinbus.master.commissioning.patch_check import RULES, Grade, PatchCheck
 from skinbus.node import Device
 from skinbus.node.context import NS_PER_MS
 from skinbus.objects.eds import eds_names, find_eds, load_eds
+from tests.files import put
 from tests.master.misbehaving import Delayed
 
 NODE = 5
@@ -101,8 +102,7 @@ def test_another_board_is_not_the_one_of_the_eds():
 
 def test_readings_off_their_zero_or_not_adjusted_are_found(tmp_path):
     head, mark, rest = find_eds("skin-patch").read_text().partition("ParameterName=Bits\n")
-    own = tmp_path / "own.eds"  # a converter of 12 bits
-    own.write_text(head + mark + rest.replace("DefaultValue=16", "DefaultValue=12", 1))
+    own = put(tmp_path, "own.eds", head + mark + rest.replace("DefaultValue=16", "DefaultValue=12", 1))
     board = device(own)
     board.step(0)
     board.image_view(0x6401, 1, 16)[:] = 0

@@ -7,6 +7,7 @@ from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 from skinbus.objects.profile import PATCH_FAULTY, PATCH_FAULTY_COUNT, index_of
 from skinbus.sim.scene_file import SCENES
+from tests.files import put
 from tests.master.rig import Rig
 
 OD = load_eds("skin-master", 127)
@@ -14,8 +15,7 @@ NODE, TACTEL = 1, 11
 
 
 def test_tactel_at_full_scale_is_no_contact_and_one_beside_it_says_so(tmp_path):
-    (tmp_path / "scene.toml").write_text((SCENES / "pad.toml").read_text() + "[effect.noise]\n")
-    rig = Rig(tmp_path / "scene.toml")
+    rig = Rig(put(tmp_path, "scene.toml", (SCENES / "pad.toml").read_text() + "[effect.noise]\n"))
     rig.run(600)
     at_rail = lambda tpdo, counts: np.where(4 * tpdo + np.arange(4) == TACTEL - 1, 32752, counts)  # noqa: E731
     rig.patches.changes[NODE] = at_rail

@@ -2,8 +2,6 @@
 
 import pytest
 
-from skinbus.config.system import load_arm
-from skinbus.master import Master
 from skinbus.objects import cia
 from tests.master.commission import Bench, patch
 from tests.master.misbehaving import Rebooting, Wrapped
@@ -12,18 +10,16 @@ from tests.master.misbehaving import Rebooting, Wrapped
 @pytest.mark.slow
 def test_patch_that_reboots_10_ms_after_each_start_backs_off_and_costs_few_emcys():
     device = Rebooting(patch(1), after_ms=10)
-    bench, events = Bench(device), []
-    master = Master(load_arm("pad"))
-    bench.wire.attach(master, on_event=events.append)
+    bench = Bench(device)
+    master = bench.start()
     bench.pass_ms(10_000)
     emcys = [frame for frame in bench.frames if frame.can_id == cia.EMCY_BASE + 127]
-    print(f"{device.n_starts} starts, {len(emcys)} EMCY in 10 s")
     assert device.n_starts == 5  # at 0, 0, 1, 3 and 7 s
     assert master.table.restarts[0] == device.n_starts
     assert len(emcys) <= 2 * device.n_starts
-    kinds = [event.kind for event in events]
+    kinds = [event.kind for event in bench.events]
     assert kinds.count("patch-rebooted") == device.n_starts
-    assert "restart 5, in 8 s" in [event.detail for event in events]
+    assert "restart 5, in 8 s" in [event.detail for event in bench.events]
 
 
 class Stopped(Wrapped):
@@ -38,7 +34,7 @@ class Stopped(Wrapped):
 @pytest.mark.slow
 def test_a_patch_that_stays_stopped_is_reset_more_and_more_rarely():
     bench = Bench(Stopped(patch(1)))
-    bench.wire.attach(Master(load_arm("pad")))
+    bench.start()
     bench.pass_ms(12_000)
     resets = [f for f in bench.frames if (f.can_id, f.data) == (cia.NMT_COMMAND_ID, b"\x82\x01")]
     assert 3 <= len(resets) <= 6
@@ -61,12 +57,11 @@ class Busy(Wrapped):
 
 
 def test_a_patch_that_is_started_late_by_half_a_second_is_started_once():
-    device, events = patch(1), []
+    device = patch(1)
     device.set(cia.HEARTBEAT_PRODUCER, 0, 100)
     bench = Bench(Busy(device))
-    master = Master(load_arm("pad"), level="kmeans")
-    bench.wire.attach(master, on_event=events.append)
+    master = bench.start(level="kmeans")
     bench.pass_ms(2000)
-    assert [event.kind for event in events].count("patch-started") == 1
+    assert [event.kind for event in bench.events].count("patch-started") == 1
     assert master.table.restarts[0] == 0
     assert master.table.is_running[0]

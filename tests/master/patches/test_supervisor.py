@@ -6,6 +6,7 @@ from skinbus.can.frame import Frame
 from skinbus.master.level_control import CycleFlags
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
+from tests.marks import slow
 from tests.master.faults_rig import NODE, STATES, assert_all_well, emcy, last, wake
 from tests.master.rig import MS, Rig
 
@@ -77,7 +78,7 @@ def two_boards(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("when", [pytest.param("before", marks=pytest.mark.slow), "during"])
+@pytest.mark.parametrize("when", [*slow("before"), "during"])
 def test_patch_with_another_serial_number_is_6300_wrong_and_never_started(tmp_path, when):
     rig = Rig(two_boards(tmp_path), level="kmeans")
     device = rig.device(NODE)

@@ -2,8 +2,6 @@
 
 import pytest
 
-from skinbus.config.system import load_arm
-from skinbus.master import Master
 from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
 from tests.master.commission import Bench, patch
@@ -47,20 +45,19 @@ CHANGES = {
 def test_stored_change_of_another_tool_is_repaired_before_the_start(name):
     device = stored(CHANGES[name])
     wanted = patch(NODE)
-    reports, events = [], []
     bench = Bench(device)
-    bench.wire.attach(Master(load_arm("pad"), on_cycle=reports.append), on_event=events.append)
+    bench.start()
     bench.pass_ms(3000)
     for index in (cia.SYNC_COB_ID, cia.HEARTBEAT_PRODUCER):
         assert device.get(index) == wanted.get(index)
     for n in range(4):
         for index, subs in ((cia.TPDO_COMMUNICATION + n, (1, 2)), (cia.TPDO_MAPPING + n, range(5))):
             assert [device.get(index, sub) for sub in subs] == [wanted.get(index, sub) for sub in subs]
-    kinds = [event.kind for event in events]
+    kinds = [event.kind for event in bench.events]
     assert kinds.count("patch-configured") == 1
     assert kinds.count("patch-started") == 1
     assert not {"heartbeat-lost", "readings-lost", "patch-rebooted"} & set(kinds)
-    assert reports[-1].n_fresh == 1
+    assert bench.reports[-1].n_fresh == 1
 
 
 class Stubborn(Wrapped):
@@ -74,12 +71,10 @@ class Stubborn(Wrapped):
 
 def test_patch_that_does_not_take_what_the_pipeline_needs_is_wrong_and_never_started():
     bench = Bench(Stubborn(patch(NODE)))
-    events = []
-    master = Master(load_arm("pad"))
-    bench.wire.attach(master, on_event=events.append)
+    master = bench.start()
     bench.pass_ms(2000)
     assert master.table.state[0] == PatchState.WRONG
-    (refused,) = [event for event in events if event.kind == "patch-refused"]
+    (refused,) = [event for event in bench.events if event.kind == "patch-refused"]
     assert "0x1801:02" in refused.detail
     assert bytes([cia.NmtCommand.START, NODE]) not in [f.data for f in bench.frames if f.can_id == 0]
 
