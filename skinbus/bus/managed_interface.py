@@ -109,7 +109,7 @@ class ManagedInterface:
             self._pause_ns = min(2 * self._pause_ns, LONGEST_PAUSE_NS)
             self.retry_ns = self._clock.now_ns() + self._pause_ns
             return None
-        self._say(Event(t_ns=self._clock.now_ns(), kind=EventKind.BUS_BACK))
+        self._say(Event(self._clock.now_ns(), EventKind.BUS_BACK))
         return ()
 
     def close(self) -> None:
@@ -128,7 +128,7 @@ class ManagedInterface:
         self.n_outages += 1
         self._pause_ns = FIRST_PAUSE_NS
         self.retry_ns = self._clock.now_ns() + self._pause_ns
-        self._say(Event(t_ns=self._clock.now_ns(), kind=EventKind.BUS_LOST, detail=detail))
+        self._say(Event(self._clock.now_ns(), EventKind.BUS_LOST, detail=detail))
 
     def _take_data(self, bus: Bus) -> bool:
         """Pass data frames and faults on; return whether there were any."""

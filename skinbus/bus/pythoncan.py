@@ -23,7 +23,6 @@ from skinbus.bus.interface import BAD_FRAME, RETRY_S, SEND_PATIENCE_S, Bus, advi
 from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.bus.socketcan_batch import raise_receive_buffer
 from skinbus.bus.udp_multicast import MulticastBus
-from skinbus.can.clock import Clock
 from skinbus.can.core import receives
 from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, MAX_DATA, RTR, CobIds, Frame, FrameBatch, Frames
 from skinbus.errors import BusError
@@ -55,12 +54,11 @@ class PythonCanBus(Bus):
 
     def __init__(
         self,
-        interface: str = DEFAULT_INTERFACE,
-        channel: str | None = None,
+        interface: str,
+        channel: str | None,
         *,
         bitrate: int | None = None,
         fd: bool = False,
-        clock: Clock | None = None,
         options: Mapping[str, Any] | None = None,
     ) -> None:
         """Open it.
@@ -69,14 +67,13 @@ class PythonCanBus(Bus):
         channel    in the form that interface takes; None for the usual one
         bitrate    for interfaces that set it themselves; socketcan takes it from ``ip link``
         fd         whether CAN FD frames may be sent and are received
-        clock      what frames are stamped with
         options    further settings for python-can's interface
         Raises BusError that says what to do about it.
         """
         self.interface = interface
         self.channel = DEFAULT_CHANNELS.get(interface) if channel is None else channel
         self.fd = fd
-        self.clock = clock or MonotonicClock()
+        self.clock = MonotonicClock()
         self.batch = FrameBatch(1)
         self._data_ids: CobIds = frozenset()
         self._tag = secrets.token_hex(4) if interface == "udp_multicast" else None
@@ -86,7 +83,7 @@ class PythonCanBus(Bus):
         settings: dict[str, Any] = {"bitrate": bitrate} if sets_bitrate else {}
         if fd and interface != "virtual":
             settings["fd"] = True
-        self._bus = _open(interface, self.channel, settings | dict(options or {}))
+        self._bus = self._open(settings | dict(options or {}))
         _raise_receive_buffer(self._bus)
 
     def listen(self, cob_ids: CobIds | None, data_ids: CobIds = frozenset()) -> None:
@@ -100,7 +97,7 @@ class PythonCanBus(Bus):
 
         Raises BusError if the interface is down or gone.
         """
-        self.batch.clear()
+        self.batch.n = 0
         messages: list[can.Message] = []
         while len(messages) < MAX_BATCH and (message := self._receive_one(timeout_s)) is not None:
             messages.append(message)
@@ -184,25 +181,23 @@ class PythonCanBus(Bus):
     def __str__(self) -> str:
         return f"{self.interface} {self.channel}" if self.channel else self.interface
 
+    def _open(self, settings: Mapping[str, Any]) -> can.BusABC:
+        """The opened interface, or a BusError with advice."""
+        try:
+            if self.interface == "udp_multicast":
+                return MulticastBus(self.channel or DEFAULT_CHANNELS[self.interface], **settings)
+            return can.Bus(channel=self.channel, interface=self.interface, ignore_config=True, **settings)
+        except can.CanInterfaceNotImplementedError as error:
+            if "msgpack" in str(error):
+                raise BusError(f"{self} needs the package msgpack: pip install msgpack") from error
+            raise BusError(f"{self} cannot be used on this machine: {error}") from error
+        except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
+            raise BusError(f"{self} cannot be opened: {error}{advice(_errno(error))}") from error
+
 
 def known_interfaces() -> list[str]:
     """Names of all interfaces of python-can, plug-ins included."""
     return sorted(can.VALID_INTERFACES)
-
-
-def _open(interface: str, channel: str | None, settings: Mapping[str, Any]) -> can.BusABC:
-    """The opened interface, or a BusError with advice."""
-    where = f"{interface} {channel}" if channel else interface
-    try:
-        if interface == "udp_multicast":
-            return MulticastBus(channel or DEFAULT_CHANNELS[interface], **settings)
-        return can.Bus(channel=channel, interface=interface, ignore_config=True, **settings)
-    except can.CanInterfaceNotImplementedError as error:
-        if "msgpack" in str(error):
-            raise BusError(f"{where} needs the package msgpack: pip install msgpack") from error
-        raise BusError(f"{where} cannot be used on this machine: {error}") from error
-    except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
-        raise BusError(f"{where} cannot be opened: {error}{advice(_errno(error))}") from error
 
 
 def _errno(error: BaseException) -> int | None:

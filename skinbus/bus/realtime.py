@@ -7,7 +7,6 @@ import gc
 import os
 import time
 from collections.abc import Iterator
-from types import TracebackType
 from typing import Self
 
 PRIORITY = 50
@@ -50,9 +49,7 @@ class GcScheduler:
         gc.disable()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exc: object) -> None:
         gc.enable()
         gc.unfreeze()
 

@@ -157,4 +157,4 @@ def loudest(ids: Sequence[int]) -> tuple[int | None, float]:
 
 def _event(now_ns: int, kind: EventKind, can_id: int, rate_hz: int) -> Event:
     detail = f"0x{can_id:03X}" + (f", {rate_hz} frames a second" if rate_hz else "")
-    return Event(t_ns=now_ns, kind=kind, detail=detail, cob_id=can_id, count=rate_hz)
+    return Event(now_ns, kind, detail=detail, cob_id=can_id, count=rate_hz)

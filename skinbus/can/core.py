@@ -24,6 +24,10 @@ class Step(NamedTuple):
     wake_ns: int
 
 
+Output = tuple[list[Frame], list[Event]]
+"""What a part of a core sends and reports."""
+
+
 class Core:
     """A participant without I/O, clock or thread; the same on the virtual bus and on a real interface.
 
@@ -107,7 +111,7 @@ class DataQueue:
     def pass_on(self, now_ns: int) -> None:
         """Let the core take all of them; ``step`` follows."""
         if self._frames:
-            self._batch.clear()
+            self._batch.n = 0
             self._batch.extend(self._frames)
             self._frames.clear()
             self._core.take(now_ns, self._batch)

@@ -51,13 +51,11 @@ class FaultWatch:
 
     def news(self, now_ns: int, n_dropped: int) -> list[Event]:
         """What has come and gone since the last call; ``n_dropped`` frames were lost so far."""
-        events = [Event(t_ns=now_ns, kind=fault, detail=detail) for fault, detail in self.pending]
+        events = [Event(now_ns, fault, detail=detail) for fault, detail in self.pending]
         self.pending.clear()
         if n_dropped != self.n_dropped:
             count = n_dropped - self.n_dropped
-            events.append(
-                Event(t_ns=now_ns, kind=EventKind.FRAMES_DROPPED, detail=f"{count} frames", count=count)
-            )
+            events.append(Event(now_ns, EventKind.FRAMES_DROPPED, detail=f"{count} frames", count=count))
             self.n_dropped = n_dropped
         return events
 

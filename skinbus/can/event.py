@@ -101,7 +101,7 @@ class EventKind(StrEnum):
         return EventKind(f"{self.value}-end")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Event:
     """One occurrence: a change of state, a dropped frame, a fault."""
 

@@ -74,10 +74,6 @@ class FrameBatch:
         self.t_ns = np.zeros(capacity, np.int64)
         self.n = 0
 
-    def clear(self) -> None:
-        """Discard all frames; the memory stays."""
-        self.n = 0
-
     def drop(self, n: int) -> None:
         """Discard the first n frames."""
         left = max(self.n - n, 0)

@@ -83,26 +83,22 @@ class VirtualBus:
         self.n_frames = 0
         self.n_collisions = 0
         self._ns_of_bits = [round(bits * 1_000_000_000 / bitrate) for bits in range(_LONGEST_BITS)]
-        self._now_ns = self.clock.now_ns()
+        self.now_ns = self.clock.now_ns()
+        """Time on the wire (ns)."""
         self._taps: tuple[Tap, ...] = ()
         self._listeners: dict[tuple[int, int], tuple[Port, ...]] = {}  # by identifier and flags
         self._wakes: list[tuple[int, int]] = []  # heap of (time, port); an entry may be outdated
         self._queues: dict[int, deque[_Waiting]] = {}  # by arbitration key, those with frames
         self._flight: tuple[_Waiting, ...] = ()  # what is on the wire: one frame, equal ones of several ports
         self._flight_end_ns = 0
-        self._free_ns = self._now_ns
-
-    @property
-    def now_ns(self) -> int:
-        """Time on the wire (ns)."""
-        return self._now_ns
+        self._free_ns = self.now_ns
 
     def attach(self, core: Core, *, on_event: OnEvent | None = None) -> Port:
         """Put a core on the bus; it is woken at once when the wire next runs."""
         port = Port(len(self.ports), core, on_event)
         self.ports.append(port)
         self._listeners.clear()
-        self._wake(port, self._now_ns)
+        self._wake(port, self.now_ns)
         return port
 
     def detach(self, port: Port) -> None:
@@ -117,18 +113,18 @@ class VirtualBus:
         port.attached = True
         port.error_counter = 0
         self._listeners.clear()
-        self._wake(port, self._now_ns)
+        self._wake(port, self.now_ns)
 
     def wake(self, port: Port, wake_ns: int = 0) -> None:
         """Call the core of the port at a time, or when the wire next runs: for hosts that have a reason."""
         if port.attached:
-            self._wake(port, max(wake_ns, self._now_ns))
+            self._wake(port, max(wake_ns, self.now_ns))
 
     def submit(self, port: Port, now_ns: int, frames: Frames) -> None:
         """Queue frames of a core that is on other wires too, and was stepped there."""
         if port.attached and frames:
             self._queue(port, frames)
-            self._now_ns = max(self._now_ns, now_ns)
+            self.now_ns = max(self.now_ns, now_ns)
         self._follow(port)
 
     def tap(self, listen: Tap) -> None:
@@ -141,13 +137,13 @@ class VirtualBus:
         next_ns = self._wakes[0][0] if self._wakes else NEVER
         if self._flight:
             return min(next_ns, self._flight_end_ns)
-        return min(next_ns, max(self._free_ns, self._now_ns)) if self._queues else next_ns
+        return min(next_ns, max(self._free_ns, self.now_ns)) if self._queues else next_ns
 
     def run(self, until_ns: int) -> None:
         """Let everything happen that happens up to and including ``until_ns``; then it is ``until_ns``."""
         while (next_ns := self.next_ns) <= until_ns:
-            if next_ns > self._now_ns:
-                self._now_ns = next_ns
+            if next_ns > self.now_ns:
+                self.now_ns = next_ns
                 self.clock.move_to(next_ns)
             if self._flight and self._flight_end_ns == next_ns:
                 self._deliver(next_ns)
@@ -159,8 +155,8 @@ class VirtualBus:
                     self._step(port, next_ns, ())
             if self._queues and not self._flight and self._free_ns <= next_ns:
                 self._arbitrate(next_ns)
-        if until_ns > self._now_ns:
-            self._now_ns = until_ns
+        if until_ns > self.now_ns:
+            self.now_ns = until_ns
             self.clock.move_to(until_ns)
 
     def _wake(self, port: Port, wake_ns: int) -> None:
@@ -217,16 +213,14 @@ class VirtualBus:
             self.n_collisions += 1
             self._free_ns = now_ns + self._ns_of_bits[COLLISION_BITS]
             for i in failed:
-                self._count_error(contenders[i][0])
+                port, _ = contenders[i]
+                port.error_counter += ERROR_PENALTY
+                if port.bus_off:
+                    self._drop_waiting(port)
+                    self._listeners.clear()
         if self._flight:
             end_ns, duration_ns = self._frame_ns(self._flight[0][1])
             self._flight_end_ns, self._free_ns = now_ns + end_ns, now_ns + duration_ns
-
-    def _count_error(self, port: Port) -> None:
-        port.error_counter += ERROR_PENALTY
-        if port.bus_off:
-            self._drop_waiting(port)
-            self._listeners.clear()
 
     def _deliver(self, now_ns: int) -> None:
         """The last bit has passed: count, and let everybody else see the frame."""

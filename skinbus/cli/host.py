@@ -6,11 +6,9 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from types import TracebackType
 from typing import Any, Self
 
 from skinbus.bus.core_thread import CoreThread
-from skinbus.bus.loop import LoopReport
 from skinbus.can.core import Core, Step
 from skinbus.cli.console import Console
 from skinbus.cli.stop_signals import Ending
@@ -101,24 +99,19 @@ class Host:
             urgent=urgent,
             steady=steady,
         )
-
-    @property
-    def report(self) -> LoopReport:
+        self.report = self._thread.report
         """What the loop did, when it has ended."""
-        return self._thread.report
 
     def __enter__(self) -> Self:
         self._ending.__enter__()
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exc: object) -> None:
         self._thread.stop()
-        self._ending.__exit__(kind, error, trace)
+        self._ending.__exit__(*exc)
         self._log.show(all_of_it=True)
-        if self._thread.error is not None and error is None:
+        if self._thread.error is not None and exc[1] is None:
             raise self._thread.error
 
     def wait(self, seconds: float | None, poll_s: float = POLL_S, then: Callable[[], Any] = tuple) -> None:

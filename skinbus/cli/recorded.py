@@ -83,13 +83,6 @@ class Recorded(Replayed):
             here = np.flatnonzero(arm.tactel_link == k)
             points, _ = link.surface.position(arm.tactel_s[here], arm.tactel_a[here])
             rows["x"][here], rows["y"][here], rows["z"][here] = points.T
-        steps = np.array([placed.patch.transducer.step for placed in arm.patches])
-        self._scale = steps[patch] * arm.tactel_gain
-
-    @property
-    def now_s(self) -> float:
-        """Time since the first frame, s."""
-        return 1e-9 * self.replay.timeline.now_ns
 
     def has_readings(self) -> bool:
         """Return whether a patch of the arm sent readings, and say so if none did."""
@@ -126,10 +119,13 @@ class Recorded(Replayed):
         """Return a cycle with the readings of the boards that sent them."""
         stamp_ns = self.replay.sync_stamp_ns
         (tactels,) = np.nonzero(report.fresh[self.arm.tactel_patch])
-        rows, used = self._tactels[tactels], cycle.readings
-        rows["t_ns"], rows["cycle"] = stamp_ns, cycle.number
-        rows["counts"] = self.replay.master.gather.counts[tactels]
-        rows["pressure_pa"] = (rows["counts"] - self.arm.tactel_offset[tactels]) * self._scale[tactels]
+        rows = self._tactels[tactels]
+        used = cycle.readings
+        rows["t_ns"] = stamp_ns
+        rows["cycle"] = cycle.number
+        master = self.replay.master
+        rows["counts"] = master.gather.counts[tactels]
+        rows["pressure_pa"] = (rows["counts"] - self.arm.tactel_offset[tactels]) * master.cycle.scale[tactels]
         rows["zeroed_pa"] = np.where(used.valid, used.pressures, np.nan)[tactels]
         return RecordedCycle(cycle, stamp_ns, rows)
 

@@ -8,7 +8,6 @@ with their margin to its sides: a rectangle if they are a grid; triangles may st
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -33,15 +32,11 @@ def _outline(placed: PlacedPatch) -> Floats:
     return placed.developed(placed.scale * (uv[:, None] + _SIGNS * margin).reshape(-1, 2))
 
 
-def _rim(placed: PlacedPatch) -> Iterator[Floats]:
-    """Return x and y (n,) m of points along all four sides, which miss no more than 0.01 mm of a curve."""
-    corners = placed.developed(0.5 * placed.scale * _SIGNS[[0, 1, 2, 3, 0]] * np.array(placed.patch.size))
-    return (np.interp(_ALONG, range(5), x) for x in corners.T)
-
-
 def outside(surface: Surface, placed: PlacedPatch) -> float:
     """Return how far a board reaches beyond its link, m; 0 or less when it fits."""
-    x, y = _rim(placed)
+    # points along all four sides, which miss no more than 0.01 mm of a curve
+    corners = placed.developed(0.5 * placed.scale * _SIGNS[[0, 1, 2, 3, 0]] * np.array(placed.patch.size))
+    x, y = (np.interp(_ALONG, range(5), side) for side in corners.T)
     s, _ = surface.undevelop(x, y, placed.a)  # on a cone a straight side is not one of constant s
     over = max(float(-s.min()), float(s.max()) - surface.length)
     if surface.period == 0.0:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from skinbus.config.arm_tables import MAX_NAME, MAX_PATCH_ID, LinkTable, PatchTable, RingTable
 from skinbus.errors import Fault, FaultList
+from skinbus.model.surface import Surface
 from skinbus.printable import printable
 
 Named = Mapping[str, tuple[int, LinkTable]]
@@ -21,6 +23,12 @@ class Mounting(NamedTuple):
     board: PatchTable
     link: int
     bus: int
+
+
+def keys_of(surface: Surface, s: float, a: float) -> dict[str, float]:
+    """Return a place by the keys of an arm file: along in mm, and around in degrees or across in mm."""
+    around = {"angle_deg": math.degrees(a / surface.radius)} if surface.period else {"a_mm": 1e3 * a}
+    return {"s_mm": 1e3 * s, **around}
 
 
 def mount(

@@ -31,12 +31,9 @@ class StateFile:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self.faults: list[str] = []
-
-    @property
-    def before(self) -> Path:
+        self.before = self.path.with_name(self.path.name + ".1")
         """The generation before the newest."""
-        return self.path.with_name(self.path.name + ".1")
+        self.faults: list[str] = []
 
     def load(self) -> dict[str, Any] | None:
         """Return the newest whole state, None without one; nothing in a file raises.

@@ -166,15 +166,21 @@ class FrameFormat:
         for table in self.frame:
             bits = _bits(table.id + table.data)
             letters = [letter for letter in self.offset if letter in bits]
-            for steps in product(*(range(1 << bits.count(letter)) for letter in letters)):
+            for steps in product(*(self._steps(letter, bits.count(letter)) for letter in letters)):
                 values = dict(zip(letters, steps, strict=True))
                 shift = sum(self.offset[letter] * step for letter, step in values.items())
                 to = np.array(table.tactels)
                 to[to >= 0] += shift
-                if to.max() < self.n_tactels and not _is_beyond(letters, values, self.offset):
+                if to.max() < self.n_tactels:
                     can_id, data = _fill(table, numbers | values)
                     found.append(Part(can_id, data, self.length(table), to, table))
         return found
+
+    def _steps(self, letter: str, width: int) -> range:
+        """Return the values of a letter of so many bits, until its tactels are those of a larger step."""
+        own = self.offset[letter]
+        larger = min((step for step in self.offset.values() if step > own), default=own << width)
+        return range(min(1 << width, -(-larger // own)))
 
     def commands(self, tables: Sequence[CommandTable], addresses: Sequence[str]) -> list[tuple[int, bytes]]:
         """Return identifiers and data of commands to the boards of some patches, each once."""
@@ -266,14 +272,6 @@ def _faults(found: FrameFormat) -> FaultList:
             wanted = f"frames that carry each of {found.n_tactels} tactels once"
             faults.add("frame", None, wanted)
     return faults
-
-
-def _is_beyond(letters: Sequence[str], values: Mapping[str, int], offset: Mapping[str, int]) -> bool:
-    """Return whether a letter is so large that its tactels are those of a larger step."""
-    larger = {
-        letter: min((o for o in offset.values() if o > offset[letter]), default=0) for letter in letters
-    }
-    return any(larger[letter] and values[letter] * offset[letter] >= larger[letter] for letter in letters)
 
 
 def _bits(pattern: str) -> str:

@@ -44,23 +44,18 @@ class Gateway(Core):
         mine = [k for k, placed in enumerate(arm.patches) if placed.address is not None]
         self.addresses = [str(arm.patches[k].address) for k in mine]
         self._check(arm, mine)
-        self._receiver = Receiver(found, self.addresses)
+        self.receiver = Receiver(found, self.addresses)
         self.node_ids: list[int] = arm.node_id[mine].tolist()
         devices = [
             Device(ods[k], node_id, storage={}) for k, node_id in zip(mine, self.node_ids, strict=True)
         ]
-        self._host = PatchHost(devices, self._receiver.newest)
+        self._host = PatchHost(devices, self.receiver.newest)
         self._faults = [""] * len(mine)
         self._start_ns = self._judge_ns = -1
 
-    @property
-    def n_foreign(self) -> int:
-        """Frames on the bus of the skin that are of no patch."""
-        return self._receiver.n_foreign
-
     def cob_ids_on(self, bus: int) -> CobIds | None:
         """Identifiers received on a bus."""
-        return self._receiver.can_ids if bus == SKIN else self._host.cob_ids
+        return self.receiver.can_ids if bus == SKIN else self._host.cob_ids
 
     def not_sent(self, now_ns: int, frames: Frames) -> None:
         """Have the EMCY messages among these frames sent again."""
@@ -70,11 +65,11 @@ class Gateway(Core):
         """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
         for frame in frames:
             if frame.bus == SKIN:
-                self._receiver.take(frame)
+                self.receiver.take(frame)
         out: list[Frame] = []
         events: list[Event] = []
         if now_ns >= self._judge_ns:
-            self._judge_ns = now_ns + self._receiver.period_ns
+            self._judge_ns = now_ns + self.receiver.period_ns
             self._judge(now_ns, out, events)
         step = self._host.step(now_ns, [frame for frame in frames if frame.bus == CANOPEN])
         return Step([*step.frames, *out], [*step.events, *events], min(step.wake_ns, self._judge_ns))
@@ -85,14 +80,14 @@ class Gateway(Core):
 
     def _judge(self, now_ns: int, out: list[Frame], events: list[Event]) -> None:
         """Poll, start boards that do not send, and report what has changed."""
-        self._receiver.newest(now_ns)
-        faults = self._receiver.faults
+        self.receiver.newest(now_ns)
+        faults = self.receiver.faults
         columns = (self.node_ids, self.addresses, self._faults, faults)
         for node_id, address, before, fault in zip(*columns, strict=True):
             if fault != before and self._host.is_on:  # boards need a while to start
                 kind = EventKind.READINGS_LOST if fault else EventKind.PATCH_BACK
                 detail = f"{address or 'the board'}: {fault or 'its readings are good again'}"
-                events.append(Event(t_ns=now_ns, kind=kind, node_id=node_id, detail=detail))
+                events.append(Event(now_ns, kind, node_id=node_id, detail=detail))
         if self._host.is_on:
             self._faults = faults
         if now_ns >= self._start_ns:

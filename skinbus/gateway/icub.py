@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from skinbus.arrays import Bools, Floats
+from skinbus.config.placement import keys_of
 from skinbus.errors import ConfigError, FaultList
 from skinbus.file_bytes import read_bytes
 from skinbus.gateway.positions import lay_flat
@@ -184,7 +185,7 @@ def import_skin(skin: Positions, *, first_board: int, mesh: str | None) -> tuple
             sa = fit.sa[rows[k][mine]]
             middle = 0.5 * (sa.max(0) + sa.min(0))
             uv = sa - middle
-            keys = "\n".join(f"{key} = {value:.3f}" for key, value in fit.surface.keys_of(*middle).items())
+            keys = "\n".join(f"{key} = {value:.3f}" for key, value in keys_of(fit.surface, *middle).items())
         else:
             uv, centre, along = lay_flat(skin.points[k][mine], skin.normals[k][mine])
             keys = f"xyz_mm = {_triple(1e3 * centre)}\nalong = {_triple(along)}"

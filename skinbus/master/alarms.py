@@ -170,13 +170,12 @@ class PlausibilityReport:
             self._device.emcy_clear(EmcyCode.DEVICE_SPECIFIC, data=self._data.pop(node_id))
         bits = np.flatnonzero(faults).tolist()
         if not bits:
-            return Event(t_ns=now_ns, kind=EventKind.TACTELS_IMPLAUSIBLE_END, node_id=node_id)
+            return Event(now_ns, EventKind.TACTELS_IMPLAUSIBLE_END, node_id=node_id)
         self._data[node_id] = bytes([node_id, bits[0] + 1, faults[bits[0]], len(bits)])
         self._device.emcy(EmcyCode.DEVICE_SPECIFIC, data=self._data[node_id])
         names = [f"{k + 1} {TactelFault(int(faults[k])).name}".lower() for k in bits[:NAMED]]
         detail = ", ".join(names + ["..."] * (len(bits) > NAMED))
-        kind = EventKind.TACTELS_IMPLAUSIBLE
-        return Event(t_ns=now_ns, kind=kind, node_id=node_id, count=len(bits), detail=detail)
+        return Event(now_ns, EventKind.TACTELS_IMPLAUSIBLE, node_id=node_id, count=len(bits), detail=detail)
 
     def _repetitions(self, now_ns: int) -> list[Event]:
         """Return the events of patches that have begun to repeat readings, or have ceased to."""
@@ -192,7 +191,7 @@ class PlausibilityReport:
         }
         n[is_over] = 0
         return [
-            Event(t_ns=now_ns, kind=kind, node_id=node_id)
+            Event(now_ns, kind, node_id=node_id)
             for kind, those in news.items()
             for node_id in self._node_ids[those].tolist()
         ]

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from skinbus.arrays import Ints
+from skinbus.can.core import Output
 from skinbus.can.event import Event, EventKind
-from skinbus.can.frame import Frame
+from skinbus.can.frame import CobIds, Frame, Frames
 from skinbus.estimate import Baseline, Plausibility
 from skinbus.master.alarms import Alarms, PlausibilityReport
 from skinbus.master.commissioning.sessions import timeouts_of
@@ -48,7 +49,7 @@ class BusMaster:
         table: PatchTable,
         baseline: Baseline,
         plausibility: Plausibility,
-        data_ids: frozenset[int],
+        data_ids: CobIds,
         guarding: Guarding | None,
         *,
         follows: bool = False,
@@ -84,13 +85,13 @@ class BusMaster:
         self._is_stopped = False
         self._is_first = True  # not booted yet
         self.data_ids = data_ids
-        self._device_ids: frozenset[int] = frozenset()
-        self._cob_ids: frozenset[int] = frozenset()
+        self._device_ids: CobIds = frozenset()
+        self._cob_ids: CobIds = frozenset()
         self.device.on_write = self.network.obey
         self.device.on_nmt = self._entered
 
     @property
-    def cob_ids(self) -> frozenset[int]:
+    def cob_ids(self) -> CobIds:
         """Identifiers that the master listens to on this bus, those of readings among them."""
         device = self.device.cob_ids
         if device is not self._device_ids:
@@ -109,7 +110,7 @@ class BusMaster:
             return np.zeros(len(started_ns), np.bool_)
         return started_ns <= self.other_master.last_ns
 
-    def supervise(self, now_ns: int, frames: Sequence[Frame]) -> bool:
+    def supervise(self, now_ns: int, frames: Frames) -> bool:
         """Boot if it is time, be operational, watch patches and other masters; return whether it booted."""
         has_booted = self.boots
         if has_booted:
@@ -146,7 +147,7 @@ class BusMaster:
         if self._guarding:
             self.events += self._guarding.show(now_ns, self.device)
 
-    def answer(self, now_ns: int, frames: Sequence[Frame], sync: Frame | None) -> None:
+    def answer(self, now_ns: int, frames: Frames, sync: Frame | None) -> None:
         """Publish events as EMCY and let the node answer frames; ``sync`` is one that it passes on."""
         self.alarms.step(now_ns, self.events)
         if sync is not None:
@@ -159,7 +160,7 @@ class BusMaster:
         wake_ns = min(self.supervisor.wake_ns, step.wake_ns, self.alarms.wake_ns)
         self.wake_ns = now_ns if self.boots or self._is_stopped else max(wake_ns, now_ns)
 
-    def taken(self) -> tuple[list[Frame], list[Event]]:
+    def taken(self) -> Output:
         """Return what is to be sent, and events, since the last call, with the number of the bus."""
         out, events, self.out, self.events = self.out, self.events, [], []
         if self.number:
@@ -167,7 +168,7 @@ class BusMaster:
             events = [replace(event, bus=self.number) for event in events]
         return out, events
 
-    def _take(self, sent: tuple[list[Frame], list[Event]]) -> None:
+    def _take(self, sent: Output) -> None:
         self.out += sent[0]
         self.events += sent[1]
 
@@ -186,7 +187,7 @@ class BusMaster:
         self.alarms.step(now_ns, [event])
         self.wake_ns = 0
 
-    def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
+    def not_sent(self, now_ns: int, frames: Frames) -> None:
         """Send EMCY messages and reports that were discarded again when the bus takes frames."""
         if frames:
             self.device.not_sent(now_ns, frames)

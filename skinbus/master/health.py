@@ -140,44 +140,39 @@ class HealthFinding(NamedTuple):
     advice: str
 
 
-def findings(arm: Arm, boards: Sequence[Records | None]) -> list[HealthFinding]:
-    """Return what is to be said of the boards of an arm: what changed, and what to do."""
-    return [
-        HealthFinding(p, *finding)
-        for p, own in enumerate(boards)
-        if own is not None
-        for finding in _of_board(arm, p, own)
-    ]
-
-
-def _of_board(arm: Arm, p: int, own: Records) -> Iterator[tuple[tuple[int, ...], str, str]]:
-    here = arm.tactels_of(p)
-    healthy = arm.tactel_healthy[here]
-    noise, noise_first = own["noise"], own["noise_first"]
-    dead = (own["seen"].astype(np.int64) & int(TactelFault.DEAD | TactelFault.FROZEN)) != 0
-    rows = (  # comparisons with NaN, which is not known yet, are false
-        (dead, "dead or frozen at times", 'clear their bits in "Healthy tactels"'),
-        (
-            (own["faults"] >= OFTEN) & ~dead,
-            f"implausible {OFTEN} times or more",
-            "look at connector and cable of the board",
-        ),
-        (
-            (noise > NOISY * noise_first) & (noise > NOISY * arm.tactel_noise[here]),
-            f"noise {NOISY:g} times that at commissioning",
-            "look at cable and shield; else take them out",
-        ),
-        (
-            np.abs(own["zero"] - own["zero_first"]) > arm.tactel_zero_band[here],
-            "zeros moved by more than their band",
-            "look for what presses; else calibrate the board again",
-        ),
-    )
-    worst = np.zeros(len(healthy), np.bool_)
-    for is_so, what, advice in rows:
-        which = np.flatnonzero(is_so & healthy)
-        worst[which] = True
-        if len(which):
-            yield tuple((1 + which).tolist()), what, advice
-    if (n := int(worst.sum())) > FAULTY_SHARE * len(healthy):
-        yield (), f"{n} of {len(healthy)} tactels have findings", "replace the board"
+def findings(arm: Arm, boards: Sequence[Records | None]) -> Iterator[HealthFinding]:
+    """Yield what is to be said of the boards of an arm: what changed, and what to do."""
+    for p, own in enumerate(boards):
+        if own is None:
+            continue
+        here = arm.tactels_of(p)
+        healthy = arm.tactel_healthy[here]
+        noise = own["noise"]
+        noise_first = own["noise_first"]
+        dead = (own["seen"].astype(np.int64) & int(TactelFault.DEAD | TactelFault.FROZEN)) != 0
+        rows = (  # comparisons with NaN, which is not known yet, are false
+            (dead, "dead or frozen at times", 'clear their bits in "Healthy tactels"'),
+            (
+                (own["faults"] >= OFTEN) & ~dead,
+                f"implausible {OFTEN} times or more",
+                "look at connector and cable of the board",
+            ),
+            (
+                (noise > NOISY * noise_first) & (noise > NOISY * arm.tactel_noise[here]),
+                f"noise {NOISY:g} times that at commissioning",
+                "look at cable and shield; else take them out",
+            ),
+            (
+                np.abs(own["zero"] - own["zero_first"]) > arm.tactel_zero_band[here],
+                "zeros moved by more than their band",
+                "look for what presses; else calibrate the board again",
+            ),
+        )
+        worst = np.zeros(len(healthy), np.bool_)
+        for is_so, what, advice in rows:
+            which = np.flatnonzero(is_so & healthy)
+            worst[which] = True
+            if len(which):
+                yield HealthFinding(p, tuple((1 + which).tolist()), what, advice)
+        if (n := int(worst.sum())) > FAULTY_SHARE * len(healthy):
+            yield HealthFinding(p, (), f"{n} of {len(healthy)} tactels have findings", "replace the board")

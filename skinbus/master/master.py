@@ -10,13 +10,13 @@ the readings of all, and published on all.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
-from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.core import NEVER, Core, Output, Step
 from skinbus.can.event import Event, EventKind
-from skinbus.can.frame import Frame, FrameBatch
+from skinbus.can.frame import CobIds, Frame, FrameBatch, Frames
 from skinbus.config.system import ods_of
 from skinbus.errors import BusError
 from skinbus.estimate import DEFAULT_LEVEL, LEVELS, Clock, Estimator, Quality
@@ -138,11 +138,11 @@ class Master(Core):
         """Why it is silent, when another master has the bus."""
         return self._contest.error if self._contest else None
 
-    def cob_ids_on(self, bus: int) -> frozenset[int]:
+    def cob_ids_on(self, bus: int) -> CobIds:
         """Identifiers the master listens to on a bus."""
         return self.branches[bus].cob_ids
 
-    def data_ids_on(self, bus: int) -> frozenset[int]:
+    def data_ids_on(self, bus: int) -> CobIds:
         """Identifiers that carry readings on a bus."""
         return self.branches[bus].data_ids
 
@@ -172,7 +172,7 @@ class Master(Core):
             self.publisher.repeat(event.bus)
             self.freshness.bus_is_back(now_ns, branch.patches)
 
-    def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
+    def not_sent(self, now_ns: int, frames: Frames) -> None:
         """Have pending reports sent again, when its bus takes frames again."""
         for branch, own in zip(self.branches, self._by_bus(frames), strict=True):
             branch.not_sent(now_ns, own)
@@ -185,7 +185,7 @@ class Master(Core):
         self.cycle.estimator.allow(level)
         self.level_control.limit = LEVELS.index(level)
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+    def step(self, now_ns: int, frames: Frames) -> Step:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
         claims: list[Frame] = []
         if self._contest:
@@ -193,8 +193,8 @@ class Master(Core):
                 return Step((), (), NEVER)
             claims = self._contest.step(now_ns, frames)
             if error := self._contest.error:
-                news = Event(t_ns=now_ns, kind=EventKind.OTHER_MASTER, detail=str(error))
-                return Step((), [news, Event(t_ns=now_ns, kind=EventKind.STOP)], NEVER)
+                news = Event(now_ns, EventKind.OTHER_MASTER, detail=str(error))
+                return Step((), [news, Event(now_ns, EventKind.STOP)], NEVER)
             if not self._contest.has_begun:
                 return Step(claims, (), self._contest.wake_ns)
         if self.branches[0].boots:
@@ -238,7 +238,7 @@ class Master(Core):
             branch.out.append(nmt_frame(cia.NmtCommand.PRE_OPERATIONAL, 0))
         return self._taken()[0]
 
-    def _taken(self) -> tuple[list[Frame], list[Event]]:
+    def _taken(self) -> Output:
         """Return the frames and events of all buses since the last call, with their numbers."""
         out: list[Frame] = []
         events: list[Event] = []
@@ -248,7 +248,7 @@ class Master(Core):
             events += found
         return out, events
 
-    def _by_bus(self, frames: Sequence[Frame]) -> list[Sequence[Frame]]:
+    def _by_bus(self, frames: Frames) -> list[Frames]:
         return [[frame for frame in frames if frame.bus == k] for k in range(self.n_buses)]
 
     def _forget_contacts(self) -> None:
@@ -325,7 +325,7 @@ class Master(Core):
             n_contacts=len(contacts),
         )
         if said:
-            self.branches[0].events.append(Event(t_ns=now_ns, kind=EventKind.LEVEL, detail=said))
+            self.branches[0].events.append(Event(now_ns, EventKind.LEVEL, detail=said))
         n_faulty = int(self.cycle.plausibility.n_faulty.sum())
         flags |= CycleFlags.INCOMPLETE * (not fresh.all())
         flags |= CycleFlags.OVERFLOW * (not ids.all())
@@ -363,6 +363,6 @@ class Master(Core):
         return fresh
 
 
-def _has_sync(frames: Sequence[Frame]) -> bool:
+def _has_sync(frames: Frames) -> bool:
     """Whether there is a SYNC among these frames."""
     return any(frame.can_id == cia.SYNC_ID for frame in frames)

@@ -14,6 +14,7 @@ import numpy as np
 
 from skinbus.arrays import Bytes
 from skinbus.can.event import Event, EventKind
+from skinbus.can.frame import CobIds
 from skinbus.estimate import Baseline
 from skinbus.master.patches.provisioning import ExpectedNode
 from skinbus.master.patches.supervisor import HEARTBEAT_FACTOR, PatchMonitor
@@ -80,7 +81,7 @@ class Network:
         bus: int,
         device: Device,
         plans: Sequence[ExpectedNode],
-        taken: frozenset[int],
+        taken: CobIds,
         watch: PatchMonitor,
         baseline: Baseline,
     ) -> None:
@@ -175,9 +176,9 @@ class Network:
 
     def events(self, now_ns: int) -> list[Event]:
         """Return the events of the commands that were executed since the last call."""
-        zeroed, self._zeroed = self._zeroed, []
-        kind = EventKind.ZEROED
+        zeroed = self._zeroed
+        self._zeroed = []
         return [
-            Event(t_ns=now_ns, kind=kind, node_id=node_id, count=n, detail=f"{n} tactels were touched")
+            Event(now_ns, EventKind.ZEROED, node_id=node_id, count=n, detail=f"{n} tactels were touched")
             for node_id, n in zeroed
         ]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from skinbus.can.core import NEVER, receives
 from skinbus.can.event import Event, EventKind
-from skinbus.can.frame import Frame
+from skinbus.can.frame import Frame, Frames
 from skinbus.errors import BusError
 from skinbus.objects import cia
 
@@ -42,11 +42,10 @@ class OtherMaster:
         if any(receives(_SYNC, frame) for frame in frames):
             is_new, self.is_present, self.last_ns = not self.is_present, True, now_ns
             detail = "SYNC of another master; stop one of the two"
-            kind = EventKind.OTHER_MASTER
-            return [Event(t_ns=now_ns, kind=kind, detail=detail, cob_id=cia.SYNC_ID)] * is_new
+            return [Event(now_ns, EventKind.OTHER_MASTER, detail=detail, cob_id=cia.SYNC_ID)] * is_new
         if self.is_present and now_ns - self.last_ns > GONE_NS:
             self.is_present = False
-            return [Event(t_ns=now_ns, kind=EventKind.OTHER_MASTER_END, cob_id=cia.SYNC_ID)]
+            return [Event(now_ns, EventKind.OTHER_MASTER_END, cob_id=cia.SYNC_ID)]
         return []
 
 
@@ -89,7 +88,7 @@ class Contest:
         """Time of the next thing to do before it runs (ns)."""
         return min(self._claim_ns, self._begin_ns)
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
+    def step(self, now_ns: int, frames: Frames) -> list[Frame]:
         """Take the frames of the buses, among which are none of ours; return those to send."""
         if not self._begin_ns:
             self._begin_ns = now_ns + CONTEST_NS

@@ -6,7 +6,7 @@ follows: the SYNCs and the boots of patches are those of the recording, wherever
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ import numpy as np
 from skinbus.can.classic import INTERFRAME_BITS
 from skinbus.can.core import DataQueue, receives
 from skinbus.can.event import Event
-from skinbus.can.frame import ERROR, EXTENDED, NO_DATA, Frame
+from skinbus.can.frame import ERROR, EXTENDED, NO_DATA, Frame, Frames
 from skinbus.can.wire_bits import frame_bits
 from skinbus.master.cycle import CycleReport
 from skinbus.master.master import Master
@@ -178,7 +178,7 @@ class Replay:
         while self._wake_ns < now_ns:
             self._step(self._wake_ns, ())
 
-    def _step(self, now_ns: int, frames: Sequence[Frame]) -> None:
+    def _step(self, now_ns: int, frames: Frames) -> None:
         """Give the master what waits for it and these frames."""
         self._data.pass_on(now_ns)
         step = self.master.step(now_ns, frames)

@@ -86,8 +86,7 @@ class PlacedPatch:
     def developed(self, uv: Floats) -> Floats:
         """Return places (n, 2) m of the board on the surface developed about its centre, (n, 2) m."""
         u, v = uv.T
-        cos = math.cos(self.yaw)
-        sin = math.sin(self.yaw)
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         return np.stack([self.s + cos * u - sin * v, sin * u + cos * v], -1)
 
     def on_link(self, surface: Surface, uv: Floats) -> tuple[Floats, Floats]:
@@ -175,10 +174,8 @@ class Arm:
 
         self.tactel_gain, self.tactel_offset, self.tactel_bias = map(column, ("gain", "offset", "bias"))
         self.tactel_width = _read_only(column("width") * chart[:, 2])
-        self.tactel_noise = column("noise")
-        self.tactel_healthy = _read_only(column("healthy"), np.bool_)
-        self.tactel_threshold = column("threshold")
-        self.tactel_release = column("release")
+        self.tactel_noise, self.tactel_healthy = column("noise"), _read_only(column("healthy"), np.bool_)
+        self.tactel_threshold, self.tactel_release = column("threshold"), column("release")
         self.tactel_zero_band = column("zero_band", 2.5)
         self.tactel_zero_drift = column("zero_drift", 0.3)
 
@@ -249,11 +246,8 @@ class Arm:
         tactels: an index of tactels; s, a (n,) m
         """
         link = int(np.atleast_1d(self.tactel_link[tactels])[0])
-        surface = self.links[link].surface
-        own_s = self.tactel_s[tactels]
-        own_a = self.tactel_a[tactels]
-        s = np.asarray(s, np.float64)[..., None]
-        a = np.asarray(a, np.float64)[..., None]
+        surface, own_s, own_a = self.links[link].surface, self.tactel_s[tactels], self.tactel_a[tactels]
+        s, a = np.asarray(s, np.float64)[..., None], np.asarray(a, np.float64)[..., None]
         distance = surface.distance(s, a, own_s, own_a)
         if len(self.tactel_bend):
             distance = distance * bent(self.tactel_bend[tactels], s - own_s, surface.wrap(a - own_a))
@@ -263,8 +257,7 @@ class Arm:
         """Return chart coordinates s, a (n,) m of the link of a patch in the frame of its board, (n, 2) m."""
         placed = self.patches[patch]
         x, y = self.links[placed.link].surface.develop(s, a, placed.a)
-        cos = np.cos(placed.yaw)
-        sin = np.sin(placed.yaw)
+        cos, sin = np.cos(placed.yaw), np.sin(placed.yaw)
         return np.stack([cos * (x - placed.s) + sin * y, cos * y - sin * (x - placed.s)], -1)
 
     def on_link(self, patch: int, uv: Floats) -> tuple[Floats, Floats]:

@@ -33,9 +33,7 @@ def bent(bends: Floats, ds: npt.ArrayLike, da: npt.ArrayLike) -> Floats:
 
     bends: (..., 9), of the tactels
     """
-    x = np.asarray(ds, np.float64)
-    y = np.asarray(da, np.float64)
+    x, y = np.asarray(ds, np.float64), np.asarray(da, np.float64)
     b1, b2, b3, b4, b5, b6, b7, b8, b9 = np.moveaxis(bends, -1, 0)
-    along = b1 + x * (b3 + b6 * x + b7 * y) + b4 * y
-    across = b2 + y * (b5 + b8 * x + b9 * y)
+    along, across = b1 + x * (b3 + b6 * x + b7 * y) + b4 * y, b2 + y * (b5 + b8 * x + b9 * y)
     return np.asarray(np.clip(1.0 + x * along + y * across, 1.0 / MOST, MOST))

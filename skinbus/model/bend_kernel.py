@@ -12,8 +12,7 @@ def bend_at(bends: Floats, i: int, x: float, y: float) -> tuple[float, float, fl
     """Return the correction of tactel i for a place at (x, y) from it, and its derivatives by x and y."""
     u = x * (bends[i, 2] + bends[i, 5] * x + bends[i, 6] * y)
     v = y * (bends[i, 4] + bends[i, 7] * x + bends[i, 8] * y)
-    along = bends[i, 0] + u + bends[i, 3] * y
-    across = bends[i, 1] + v
+    along, across = bends[i, 0] + u + bends[i, 3] * y, bends[i, 1] + v
     factor = 1.0 + x * along + y * across
     if factor < 1.0 / MOST:
         return 1.0 / MOST, 0.0, 0.0

@@ -79,18 +79,13 @@ class MeshSurface(Surface):
     def _at(self, s: npt.NDArray[Any], a: npt.NDArray[Any]) -> tuple[Floats, Floats, Floats]:
         """Return point and normal (..., 6), bilinear, and their derivatives by s and a."""
         n_s, n_a, _ = self.nodes.shape
-        x = (s - self.first[0]) / self.step
-        y = (a - self.first[1]) / self.step
+        x, y = (s - self.first[0]) / self.step, (a - self.first[1]) / self.step
         i = np.clip(np.floor(x).astype(int), 0, n_s - 2)
         j = np.clip(np.floor(y).astype(int), 0, n_a - 2)
         # beyond the grid the place stays at its rim
-        x = np.clip(x - i, 0.0, 1.0)[..., None]
-        y = np.clip(y - j, 0.0, 1.0)[..., None]
-        low = self.nodes[i, j]
-        high = self.nodes[i + 1, j]
-        low_across = self.nodes[i, j + 1] - low
-        high_across = self.nodes[i + 1, j + 1] - high
-        before = low + y * low_across
-        after = high + y * high_across
+        x, y = np.clip(x - i, 0.0, 1.0)[..., None], np.clip(y - j, 0.0, 1.0)[..., None]
+        low, high = self.nodes[i, j], self.nodes[i + 1, j]
+        low_across, high_across = self.nodes[i, j + 1] - low, self.nodes[i + 1, j + 1] - high
+        before, after = low + y * low_across, high + y * high_across
         along = (after - before) / self.step
         return before + x * (after - before), along, (low_across + x * (high_across - low_across)) / self.step

@@ -75,11 +75,6 @@ class Surface:
         """Radius, taper, period and length, as :func:`places_on` takes them."""
         return self.radius, self.taper, self.period, self.length
 
-    def keys_of(self, s: float, a: float) -> dict[str, float]:
-        """Return a place by the keys of a file: along in mm, and around in degrees or across in mm."""
-        around = {"angle_deg": math.degrees(a / self.radius)} if self.period else {"a_mm": 1e3 * a}
-        return {"s_mm": 1e3 * s, **around}
-
     def radius_at(self, s: npt.ArrayLike) -> Floats:
         """Return the radius at s, (...,) m; 1 on a plane."""
         return self.radius + self.taper * (np.asarray(s, float) - 0.5 * self.length)
@@ -106,9 +101,7 @@ class Surface:
 
     def undevelop(self, x: npt.ArrayLike, y: npt.ArrayLike, a0: npt.ArrayLike = 0.0) -> tuple[Floats, Floats]:
         """Return the chart coordinates (s, a) of flat coordinates (m): the inverse of :meth:`develop`."""
-        x = np.asarray(x, float)
-        y = np.asarray(y, float)
-        a0 = np.asarray(a0, float)
+        x, y, a0 = np.asarray(x, float), np.asarray(y, float), np.asarray(a0, float)
         if self.taper == 0.0:
             return x + np.zeros_like(y), self.wrap(a0 + y)
         rx = self.radius_at(x)  # t (x + rho0): the radius on the generator y = 0
@@ -137,8 +130,7 @@ class Surface:
         x, y, z = np.asarray(points, float).T
         if self.kind == "plane":
             return x, y, z
-        r = np.hypot(y, z)
-        along = math.sqrt(1.0 - self.taper**2)
+        r, along = np.hypot(y, z), math.sqrt(1.0 - self.taper**2)
         over = r - (self.radius - 0.5 * self.taper * self.length)
         return along * x + self.taper * over, np.arctan2(y, z) * self.radius, along * over - self.taper * x
 
@@ -150,10 +142,8 @@ def places_on(shape: Iterable[Any], s: npt.ArrayLike, a: npt.ArrayLike) -> tuple
     """
     radius, taper, period, length = shape
     s, a, taper = np.broadcast_arrays(*(np.asarray(x, float) for x in (s, a, taper)))
-    angle = a / radius
-    r = radius + taper * (s - 0.5 * length)
-    sin = np.sin(angle)
-    cos = np.cos(angle)
+    angle, r = a / radius, radius + taper * (s - 0.5 * length)
+    sin, cos = np.sin(angle), np.cos(angle)
     along = np.sqrt(1.0 - taper**2)  # cosine of the half angle of a cone
     flat = np.equal(period, 0.0)
     points = np.stack([s * along, np.where(flat, a, r * sin), np.where(flat, 0.0, r * cos)], -1)

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from skinbus.node.emcy import EmcyService
 
 Handler = Callable[[Frame], None]
+Handlers = dict[int, Handler]
+"""By identifier."""
 
 NS_PER_MS = 1_000_000
 NS_PER_100US = 100_000
@@ -51,7 +53,7 @@ class Context:
     def report(self, kind: EventKind, detail: str = "", node_id: int | None = None) -> None:
         """Report to the host; ``node_id`` is this device unless it is about another one."""
         node_id = self.node_id if node_id is None else node_id
-        self.events.append(Event(t_ns=self.now_ns, kind=kind, node_id=node_id, detail=detail))
+        self.events.append(Event(self.now_ns, kind, node_id=node_id, detail=detail))
 
     def drop(self, frame: Frame, reason: str) -> None:
         """Count a frame that broke a rule; nothing else changes."""

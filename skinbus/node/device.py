@@ -12,7 +12,7 @@ from skinbus.can.core import Core, Step
 from skinbus.can.event import EventKind
 from skinbus.can.frame import REMOTE_ID, RTR, CobIds, Frame, Frames
 from skinbus.errors import LocalProtocolError
-from skinbus.node.context import Context, Handler
+from skinbus.node.context import Context, Handlers
 from skinbus.node.dictionary import WriteHook
 from skinbus.node.emcy import EmcyService
 from skinbus.node.guard import GuardService
@@ -68,6 +68,9 @@ class Device(Core):
         on_nmt(state): a state was entered.
     """
 
+    cob_ids: CobIds = frozenset()
+    """Identifiers that it listens to in its present state."""
+
     def __init__(
         self,
         od: canopen.ObjectDictionary,
@@ -115,8 +118,7 @@ class Device(Core):
             *(self._guard, self._sync, self._sdo, self._heartbeat, self._consumer),
             *(self._guarding, self._rpdo, self._tpdo, self._emcy),
         )
-        self._handlers: dict[int, Handler] = {}
-        self._cob_ids: CobIds = frozenset()
+        self._handlers: Handlers = {}
         self._booted = False
         if self._lss is not None:
             self._lss.power_on()
@@ -138,11 +140,6 @@ class Device(Core):
     def dropped(self) -> int:
         """Frames that broke a rule since the start."""
         return self._context.dropped
-
-    @property
-    def cob_ids(self) -> CobIds:
-        """Identifiers this device listens to in its present state."""
-        return self._cob_ids
 
     @property
     def on_write(self) -> WriteHook | None:
@@ -324,7 +321,7 @@ class Device(Core):
     def _listen(self) -> None:
         """Compile which service receives which identifier in this state; of two for one, the first."""
         state = self._context.state
-        handlers: dict[int, Handler] = {}
+        handlers: Handlers = {}
         if Service.NMT in SERVICES[state]:
             handlers[NMT_COMMAND_ID] = self._receive_nmt
         for service in self._listeners:
@@ -333,8 +330,8 @@ class Device(Core):
                     handlers.setdefault(can_id, handler)
         self._handlers = handlers
         cob_ids = frozenset(handlers)
-        if cob_ids != self._cob_ids:  # a new object means a new set
-            self._cob_ids = cob_ids
+        if cob_ids != self.cob_ids:  # a new object means a new set
+            self.cob_ids = cob_ids
 
     def _synchronise(self, counter: int) -> None:
         self._rpdo.on_sync()

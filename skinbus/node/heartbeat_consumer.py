@@ -8,7 +8,7 @@ from functools import partial
 from skinbus.can.core import NEVER
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
-from skinbus.node.context import NS_PER_MS, Context, Handler, Part
+from skinbus.node.context import NS_PER_MS, Context, Handlers, Part
 from skinbus.node.dictionary import SdoAbort
 from skinbus.node.nmt import Service
 from skinbus.objects.cia import HEARTBEAT_BASE, HEARTBEAT_CONSUMER, MAX_NODE_ID, AbortCode, EmcyCode, NmtState
@@ -46,7 +46,7 @@ class HeartbeatConsumer(Part):
         self.nodes = self._read()
         self.wake_ns = NEVER
 
-    def handlers(self) -> dict[int, Handler]:
+    def handlers(self) -> Handlers:
         """The error control identifiers of the watched nodes."""
         return {HEARTBEAT_BASE + n: partial(self._receive, node) for n, node in self.nodes.items()}
 

@@ -59,6 +59,9 @@ class PatchHost(Core):
         scan_ns: from one look at the source between SYNCs to the next.
     """
 
+    cob_ids: CobIds = frozenset({SYNC_ID})
+    """Identifiers that any device listens to, and SYNC: it asks the source even when none does."""
+
     def __init__(
         self,
         devices: Sequence[Device],
@@ -104,7 +107,6 @@ class PatchHost(Core):
         self._scanned: set[int] = set()
         """Devices that run freely or guard."""
         self._scan_ns = NEVER
-        self._cob_ids = frozenset({SYNC_ID})
         self.is_on = False
         """Whether the patches have power."""
         self._begun_ns = NEVER
@@ -115,11 +117,6 @@ class PatchHost(Core):
     def is_scanning(self) -> bool:
         """Whether the source is looked at between SYNCs, too: any device runs freely or guards."""
         return bool(self._scanned)
-
-    @property
-    def cob_ids(self) -> CobIds:
-        """Identifiers that any device listens to, and SYNC: it asks the source even when none does."""
-        return self._cob_ids
 
     def step(self, now_ns: int, frames: Frames = ()) -> Step:
         """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
@@ -254,4 +251,4 @@ class PatchHost(Core):
             for cob_id in cob_ids:
                 listeners.setdefault(cob_id, []).append(i)
         self._listeners = listeners
-        self._cob_ids = frozenset(listeners) | {SYNC_ID}
+        self.cob_ids = frozenset(listeners) | {SYNC_ID}

@@ -8,7 +8,7 @@ from enum import IntEnum
 
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
-from skinbus.node.context import Context, Handler, Part
+from skinbus.node.context import Context, Handlers, Part
 from skinbus.node.nmt import Service
 from skinbus.node.storage import LSS, StorageService
 from skinbus.objects.cia import BIT_RATES, IDENTITY, LSS_MASTER_ID, LSS_SLAVE_ID, MAX_NODE_ID
@@ -35,24 +35,16 @@ class Lss(IntEnum):
     CONFIGURE_BIT_TIMING = 0x13
     ACTIVATE_BIT_TIMING = 0x15
     STORE = 0x17
-    SWITCH_VENDOR = 0x40
-    SWITCH_PRODUCT = 0x41
-    SWITCH_REVISION = 0x42
+    SWITCH_VENDOR = 0x40  # to SWITCH_SERIAL: by the numbers of the identity in their order
     SWITCH_SERIAL = 0x43
     SWITCHED = 0x44
-    IDENTIFY_VENDOR = 0x46
-    IDENTIFY_PRODUCT = 0x47
-    IDENTIFY_REVISION_LOW = 0x48
-    IDENTIFY_REVISION_HIGH = 0x49
-    IDENTIFY_SERIAL_LOW = 0x4A
+    IDENTIFY_VENDOR = 0x46  # to IDENTIFY_SERIAL_HIGH: the same, with two ends of revision and serial
     IDENTIFY_SERIAL_HIGH = 0x4B
     IDENTIFY_UNCONFIGURED = 0x4C
     IDENTIFIED = 0x4F
     UNCONFIGURED_IDENTIFIED = 0x50
     FASTSCAN = 0x51
-    INQUIRE_VENDOR = 0x5A
-    INQUIRE_PRODUCT = 0x5B
-    INQUIRE_REVISION = 0x5C
+    INQUIRE_VENDOR = 0x5A  # to INQUIRE_SERIAL: the same
     INQUIRE_SERIAL = 0x5D
     INQUIRE_NODE_ID = 0x5E
 
@@ -132,7 +124,7 @@ class LssSlave(Part):
         self._asked.clear()
         self.context.node_id = self.pending_node_id
 
-    def handlers(self) -> dict[int, Handler]:
+    def handlers(self) -> Handlers:
         """The identifier of the LSS master."""
         return {LSS_MASTER_ID: self.receive}
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from skinbus.can.core import NEVER
 from skinbus.can.event import EventKind
 from skinbus.can.frame import REMOTE_ID, Frame
-from skinbus.node.context import NS_PER_MS, Context, Handler, Part
+from skinbus.node.context import NS_PER_MS, Context, Handlers, Part
 from skinbus.node.nmt import Service
 from skinbus.objects.cia import (
     GUARD_TIME,
@@ -39,7 +39,7 @@ class NodeGuarding(Part):
         self._is_lost = False
         self.wake_ns = NEVER
 
-    def handlers(self) -> dict[int, Handler]:
+    def handlers(self) -> Handlers:
         """The remote frames with the identifier of the own heartbeat."""
         return {REMOTE_ID | (HEARTBEAT_BASE + self.context.node_id): self._answer} if self._is_present else {}
 

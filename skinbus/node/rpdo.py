@@ -7,7 +7,7 @@ from functools import partial
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
-from skinbus.node.context import NS_PER_MS, Context, Handler, Part
+from skinbus.node.context import NS_PER_MS, Context, Handlers, Part
 from skinbus.node.dictionary import SdoAbort
 from skinbus.node.mapping import unpack
 from skinbus.node.nmt import Service
@@ -58,7 +58,7 @@ class RpdoService(Part):
             pdo.due_ns = NEVER
         self.wake_ns = NEVER
 
-    def handlers(self) -> dict[int, Handler]:
+    def handlers(self) -> Handlers:
         """One handler for each identifier; several PDOs may share it."""
         by_id: dict[int, list[Rpdo]] = {}
         for pdo in self.pdos.values():

@@ -12,7 +12,7 @@ from collections.abc import Callable, Generator, Sequence
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
-from skinbus.node.context import Context, Handler, Part
+from skinbus.node.context import Context, Handlers, Part
 from skinbus.node.dictionary import MAX_LENGTH, SdoAbort
 from skinbus.node.nmt import Service
 from skinbus.objects.cia import SDO_CLIENT_BASE, SDO_SERVER, SDO_SERVER_BASE, AbortCode
@@ -84,7 +84,7 @@ class SdoServer(Part):
         self._goes_on: Request = BLOCK_SEGMENT
         self.wake_ns = self._deadline_ns = self._burst_ns = NEVER
 
-    def handlers(self) -> dict[int, Handler]:
+    def handlers(self) -> Handlers:
         """What this service listens to."""
         rx = self.values.number(SDO_SERVER, 1, SDO_CLIENT_BASE + self.context.node_id)
         self._tx = self.values.number(SDO_SERVER, 2, SDO_SERVER_BASE + self.context.node_id)

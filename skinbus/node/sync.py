@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
-from skinbus.node.context import Context, Handler, Part
+from skinbus.node.context import Context, Handlers, Part
 from skinbus.node.dictionary import SdoAbort
 from skinbus.node.nmt import Service
 from skinbus.objects.cia import (
@@ -70,7 +70,7 @@ class SyncService(Part):
         """Return whether synchronous PDOs of the last SYNC may still be sent and taken (CiA 301, 7.5.2.7)."""
         return self.context.now_ns <= self._closes_ns
 
-    def handlers(self) -> dict[int, Handler]:
+    def handlers(self) -> Handlers:
         """A producer does not listen to the SYNC of others."""
         return {} if self._produces else {self._cob_id: self.receive}
 

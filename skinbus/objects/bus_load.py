@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.can import classic, fd
-from skinbus.can.fd import CLASSIC_BYTES
+from skinbus.can.fd import CLASSIC_BYTES as CLASSIC_BYTES
 from skinbus.model import Arm, BusSettings
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import carries_readings, tpdos
 from skinbus.objects.profile import MASTER_NODE_ID
-
-__all__ = ["CLASSIC_BYTES", "MAX_LOAD", "cyclic_load", "worst_ns"]
 
 MAX_LOAD = 0.8
 """Share of the bus that cyclic traffic may take (docs/bus.md)."""

@@ -141,16 +141,13 @@ class EdsFile:
             variable.section, "DefaultValue" if variable.value is None else "ParameterValue", seen, wanted
         )
 
-    def integer(self, section: str, key: str, default: int | None = None) -> int | None:
-        """Return an integer of a section; a malformed one is a fault and reads as ``default``."""
+    def integer(self, section: str, key: str) -> int | None:
+        """Return an integer of a section; None without one; a malformed one is a fault."""
         found = self.section(section)
         text = found.get(key) if found else ""
-        if not text:
-            return default
         number = parse_integer(text)
-        if number is None:
+        if text and number is None:
             self.fault(section, key, text, "an integer: 10, 0x0A or 012")
-            return default
         return number
 
 
@@ -229,7 +226,7 @@ def _read_sections(file: EdsFile, text: str) -> None:
 
 def _read_object(file: EdsFile, section: Section, index: int) -> None:
     name = _name(file, section)
-    object_type = file.integer(section.name, "ObjectType", VAR) or VAR
+    object_type = file.integer(section.name, "ObjectType") or VAR
     if object_type not in OBJECT_TYPES:
         file.fault(section.name, "ObjectType", section.get("ObjectType"), "0x7 VAR, 0x8 ARRAY or 0x9 RECORD")
         object_type = VAR
@@ -249,7 +246,7 @@ def _read_sub_object(file: EdsFile, section: Section, index: int, sub: int) -> N
     if sub in entry.variables:
         file.fault(section.name, "", None, f"no section of its own: [{index:04X}] is compact")
         return
-    object_type = file.integer(section.name, "ObjectType", VAR) or VAR
+    object_type = file.integer(section.name, "ObjectType") or VAR
     entry.variables[sub] = _read_variable(file, section, index, sub, _name(file, section), object_type)
 
 
@@ -317,7 +314,7 @@ def _data_type(file: EdsFile, section: Section, object_type: int) -> int:
 
 def _expand_compact(file: EdsFile, section: Section, entry: Entry) -> None:
     """Write out the sub-objects of a compact array: sub 0, and 1..n alike but for names and values."""
-    count = file.integer(section.name, "CompactSubObj", 0) or 0
+    count = file.integer(section.name, "CompactSubObj") or 0
     file.n_compact += count
     if not 1 <= count <= 254 or file.n_compact > MAX_SECTIONS:
         wanted = f"1 to 254, {MAX_SECTIONS} in a file"

@@ -130,8 +130,8 @@ class ReadingsPlan:
                 raise ValueError(f"COB-ID 0x{address[1]:03X} is used twice")
             self._pdo_of[address] = number
         self.cob_ids_on = tuple(frozenset(cob_id[bus == k].tolist()) for k in range(len(arm.buses)))
-        steps = [p.patch.transducer.step for p in arm.patches]
-        self.counts_scale = np.repeat(steps, np.diff(arm.patch_start)) * arm.tactel_gain
+        steps = np.array([p.patch.transducer.step for p in arm.patches])
+        self.counts_scale = steps[arm.tactel_patch] * arm.tactel_gain
         self.counts_offset = arm.tactel_offset
         self._stamp = np.array([_stamp(ods[p], pdo) for p, _, pdo in found], np.int32).reshape(-1, 4)
         self.stamped = self._stamp >= 0

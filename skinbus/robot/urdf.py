@@ -84,16 +84,16 @@ def _joint(element: Any) -> Joint:
     xyz, rpy, axis, *limits = (_numbers(element, key) for key in NUMBERS)
     lower, upper, velocity = (float(limit[0]) for limit in limits)
     X_PJ = np.eye(4)
-    X_PJ[:3, :3], X_PJ[:3, 3] = Rotation.from_euler("xyz", rpy).as_matrix(), xyz
-    mimic = element.find("mimic")
+    X_PJ[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
+    X_PJ[:3, 3] = xyz
     return Joint(
         name=element.get("name"),
         kind=element.get("type"),
-        parent=_link(element, "parent"),
-        child=_link(element, "child"),
+        parent=_attribute(element, "parent.link"),
+        child=_attribute(element, "child.link"),
         X_PJ=X_PJ,
         axis=axis / (np.linalg.norm(axis) or 1.0),
-        mimics=None if mimic is None else mimic.get("joint"),
+        mimics=_attribute(element, "mimic.joint"),
         lower=lower,
         upper=upper,
         velocity=abs(velocity) or np.inf,
@@ -127,11 +127,12 @@ def _faults(root: Any) -> Iterator[Fault]:
     names = {link.get("name") for link in links} - {None}
     child_of: dict[str, str] = {}
     for joint in joints:
-        kind, child = joint.get("type"), _link(joint, "child")
+        kind = joint.get("type")
+        child = _attribute(joint, "child.link")
         if kind not in KINDS:
             yield Fault(_at(joint, "type"), kind, f"one of {', '.join(KINDS)}")
         for tag in ("parent", "child"):
-            if (link := _link(joint, tag)) not in names:
+            if (link := _attribute(joint, f"{tag}.link")) not in names:
                 yield Fault(_at(joint, tag), link, "the name of a link of this file")
         for key, usual in NUMBERS.items():
             values = _numbers(joint, key)
@@ -149,12 +150,7 @@ def _faults(root: Any) -> Iterator[Fault]:
         yield Fault(_at(root), ", ".join(roots), "one root: a link that no joint carries")
 
 
-def _link(joint: Any, tag: str) -> Any:
-    end = joint.find(tag)
-    return None if end is None else end.get("link")
-
-
-def _attribute(joint: Any, key: str) -> str | None:
+def _attribute(joint: Any, key: str) -> Any:
     tag, _, name = key.partition(".")
     element = joint.find(tag)
     return None if element is None else element.get(name)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from heapq import heappop, heappush
 
-from skinbus.can.core import NEVER, Core, Step
-from skinbus.can.event import Event
+from skinbus.can.core import NEVER, Core, Output, Step
 from skinbus.can.frame import CobIds, Frame, Frames
 from skinbus.node import Device, PatchHost
 from skinbus.sim.effect import FrameStep, at
@@ -63,7 +62,7 @@ class SpoiltTraffic(Core):
         out = self._held.release(now_ns) + self._held.sort_out(now_ns, out)
         return Step(out, events, min(self._due_ns, self._host.wake_ns, self._held.wake_ns))
 
-    def _hear(self, now_ns: int, frames: Frames) -> tuple[list[Frame], list[Event]]:
+    def _hear(self, now_ns: int, frames: Frames) -> Output:
         """Pass what effects leave of each frame to the devices; return what they say."""
         parts = [[frame] for frame in frames]
         if not self._is_on:

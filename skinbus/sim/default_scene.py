@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from skinbus.config.placement import keys_of
 from skinbus.model import Arm
 
 MOST = 5
@@ -31,7 +32,7 @@ def default_scene(arm: Arm) -> dict[str, Any]:
         begin_s = GAP_S + k * (PRESS_S + GAP_S)
         touch = {
             "link": link.name,
-            **link.surface.keys_of(placed.s, placed.a),
+            **keys_of(link.surface, placed.s, placed.a),
             "shape": "disc",
             "diameter_mm": DIAMETER_MM,
             "force_n": FORCE_N,

@@ -72,8 +72,7 @@ class Geometry:
     def of(cls, arm: Arm, *, discs: bool) -> Geometry:
         """Return the geometry as the arm file says it, with the boards' discs or with points."""
         diameters = np.array([placed.patch.diameter if discs else 0.0 for placed in arm.patches])
-        spread = np.repeat(diameters, np.diff(arm.patch_start))
-        return cls(arm, arm.tactel_s.copy(), arm.tactel_a.copy(), spread)
+        return cls(arm, arm.tactel_s.copy(), arm.tactel_a.copy(), diameters[arm.tactel_patch])
 
     def ways(self, link: int, s: float, a: float, turn: int | None = None) -> tuple[Ints, Floats, Floats]:
         """Return the tactels of a link, and the way to each from a place along s and around, m.

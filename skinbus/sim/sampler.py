@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from skinbus.arrays import Floats, Ints32
 from skinbus.sim.effect import Stage, stream
@@ -40,16 +39,12 @@ class Sampler:
         for clock in self._steps[Stage.CLOCK]:
             self.clock_ppm = clock(self.clock_ppm)
         transducers = [placed.patch.transducer for placed in arm.patches]
-
-        def of_tactels(values: list[Any]) -> npt.NDArray[Any]:
-            return np.repeat(values, np.diff(arm.patch_start))
-
-        self._per_pa = 1.0 / (of_tactels([t.step for t in transducers]) * arm.tactel_gain)
+        columns = np.array([(t.step, t.top_counts, t.converter_counts) for t in transducers], np.float64)
+        step, self._top, self._width = columns[arm.tactel_patch].T
+        self._per_pa = 1.0 / (step * arm.tactel_gain)
         self._zero = arm.tactel_offset.astype(np.float64)
         if geometry.offset is not None:
             self._zero += geometry.offset * self._per_pa
-        self._top = of_tactels([t.top_counts for t in transducers])
-        self._width = of_tactels([float(t.converter_counts) for t in transducers])
         self._is_at_rest = False
         self._changes = any(self._steps[stage] for stage in (Stage.LAYER, Stage.TACTEL, Stage.COUNTS))
         self.pressures = np.zeros(arm.n_tactels)

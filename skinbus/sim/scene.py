@@ -7,13 +7,9 @@ from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from skinbus.arrays import Floats
 from skinbus.model import Arm
 from skinbus.sim.effect import ORDER, Effect
 from skinbus.sim.laws import LayerSettings
-from skinbus.sim.layer import Geometry, Law
 from skinbus.sim.touch import Touch, Touches, TouchPlan
 
 if TYPE_CHECKING:
@@ -57,13 +53,3 @@ class Scene:
     def begins_untouched(self) -> bool:
         """Whether nothing presses when all patches have booted, so that their zeros can be taken then."""
         return not len(self.touches_at(BOOTED_S).touch)
-
-    def pressures(self, t_s: float) -> Floats:
-        """Return what the layer alone brings to the tactels at a scene time, (n_tactels,) Pa; no effects."""
-        pressures = np.zeros(self.arm.n_tactels)
-        self._law.add(self.plan.load(t_s), pressures)
-        return pressures
-
-    @cached_property
-    def _law(self) -> Law:
-        return self.layer.bind(Geometry.of(self.arm, discs=self.layer.discs), self.plan.indenters)

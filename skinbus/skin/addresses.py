@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from skinbus.bus.interface import Bus
-from skinbus.bus.opening import open_interface
-from skinbus.bus.pythoncan import DEFAULT_CHANNELS, DEFAULT_INTERFACE, known_interfaces
+from skinbus.bus.pythoncan import DEFAULT_CHANNELS, DEFAULT_INTERFACE, PythonCanBus, known_interfaces
+from skinbus.bus.socketcan import SocketCanBus
 from skinbus.bus.socketcan_batch import CANFD_MTU
 from skinbus.errors import AddressError
 from skinbus.model import Arm, BusSettings
@@ -36,7 +36,9 @@ class BusAddress(NamedTuple):
     def open(self) -> Bus:
         """Open it; BusError says what to do if that fails."""
         fd = self.data_bitrate is not None
-        return open_interface(self.interface, self.channel, bitrate=self.bitrate, fd=fd)
+        if self.interface == DEFAULT_INTERFACE:  # read in batches; all others through python-can
+            return SocketCanBus(self.channel or DEFAULT_CHANNELS[DEFAULT_INTERFACE], fd=fd)
+        return PythonCanBus(self.interface, self.channel, bitrate=self.bitrate, fd=fd)
 
     def __str__(self) -> str:
         return f"{self.interface} {self.channel}" if self.channel else self.interface

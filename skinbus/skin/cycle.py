@@ -23,9 +23,7 @@ from skinbus.master.patches.table import PatchState as PatchState
 from skinbus.model import Arm
 from skinbus.skin.contact import CONTACT as CONTACT
 from skinbus.skin.contact import NO_ROBOT, Context, Records
-from skinbus.skin.contact import UNKNOWN_LEVEL as UNKNOWN_LEVEL
 from skinbus.skin.contact import Contact as Contact
-from skinbus.skin.contact import link_name as link_name
 from skinbus.skin.layout import SkinLayout as SkinLayout
 from skinbus.skin.records import PATCH as PATCH
 

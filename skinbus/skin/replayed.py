@@ -108,7 +108,9 @@ class Replayed:
             frame._replace(bus=self._buses[name]) for frame, name in self._head if name in self._buses
         )
         """What its cycles begin with."""
-        self.arm = _at_rate(arm, self.sync.rate_hz)
+        rate_hz = self.sync.rate_hz or arm.bus.rate_hz
+        is_same = abs(rate_hz / arm.bus.rate_hz - 1.0) <= SAME_RATE
+        self.arm = arm if is_same else arm.with_rate(rate_hz)
         """The arm at the rate of the recording."""
         self.elsewhere: Counter[str] = Counter()
         """Frames of other interfaces so far, by name; they are left out."""
@@ -173,10 +175,3 @@ def _buses_of(arm: Arm, channels: Sequence[str], seen: Mapping[str, int], log: s
     if faults:
         raise AddressError(f"{log} begins with {there}: {'; '.join(faults)}")
     return {name: k for k, name in enumerate(names)}
-
-
-def _at_rate(arm: Arm, rate_hz: float | None) -> Arm:
-    """Return the arm at the rate of the recording, where that is another than its file says."""
-    if rate_hz is None or abs(rate_hz / arm.bus.rate_hz - 1.0) <= SAME_RATE:
-        return arm
-    return arm.with_rate(rate_hz)

@@ -8,7 +8,6 @@ import math
 import time
 import weakref
 from collections.abc import AsyncIterator, Callable, Iterator
-from types import TracebackType
 from typing import Literal, Self, get_args
 
 import numpy as np
@@ -60,7 +59,8 @@ class Skin:
         self._handlers: dict[Kind, list[Handler]] = {kind: [] for kind in KINDS}
         self._events = TouchEvents()
         self._dispatched = 0
-        self._n_lost = 0
+        self.n_lost = 0
+        """Cycles that the iteration came too late for."""
         # Patches are stopped too when a program ends without closing its skin.
         self._finalizer = weakref.finalize(self, feed.close)
 
@@ -69,11 +69,6 @@ class Skin:
         patches = counted(len(layout.node_id), "patch")
         number = self._feed.peek().number
         return f"<Skin {layout.name!r}: {patches}, {self._feed.what}, cycle {number}{state}>"
-
-    @property
-    def n_lost(self) -> int:
-        """Cycles that the iteration came too late for."""
-        return self._n_lost
 
     @property
     def name(self) -> str:
@@ -206,9 +201,7 @@ class Skin:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exc: object) -> None:
         self.close()
 
     def __iter__(self) -> Iterator[Cycle]:
@@ -242,7 +235,7 @@ class Skin:
     def _take(self, cycle: Cycle) -> Cycle:
         """Note that a cycle is handed over."""
         if (n := cycle.number - self._next) > 0:
-            self._n_lost += n
+            self.n_lost += n
             LOG.warning("%d cycles lost: they came faster than they were taken", n)
         self._next = cycle.number + 1
         self._dispatch(cycle)

@@ -14,6 +14,7 @@ from skinbus.can.virtual_buses import VirtualBuses
 from skinbus.master import Master
 from skinbus.sim import World, load_scene
 from tests.master.test_free_running import by_events
+from tests.sim.truth import truth_of
 
 N, N_BUSES, N_TOUCHES = 126, 6, 100
 FORCE_N, RAMP_S, TOUCH_S = 3.0, 0.03, 0.3
@@ -94,10 +95,10 @@ def play(folder, seconds, starts_s=()):
     idle = (sum(w.n_frames for w in wires.wires) - n) / seconds, 1e-9 * (timed.spent_ns - cpu_ns) / seconds
     print(*idle, flush=True)
     latencies = []
-    threshold = scene.arm.patches[0].patch.threshold
+    threshold, truth = scene.arm.patches[0].patch.threshold, truth_of(scene)
     for start in starts_s:
         times = start + np.arange(0.0, RAMP_S, 1e-4)
-        crossing_s = next((t for t in times if scene.pressures(t).max() >= threshold), None)
+        crossing_s = next((t for t in times if truth(t).max() >= threshold), None)
         if crossing_s is None:  # in a gap between boards
             continue
         del published_ns[:]

@@ -19,6 +19,6 @@ def test_every_kind_of_frame_is_recorded_before_and_after_an_outage(outage):
         for k, (can_id, flags) in enumerate(kinds)
     ]
     file = io.StringIO()
-    run(Recorder(CandumpWriter(file)), until_ns=2000 * MS, arrivals=arrivals, outage=outage)
+    run(Recorder(CandumpWriter(file), 1), until_ns=2000 * MS, arrivals=arrivals, outage=outage)
     file.seek(0)
     assert [frame._replace(data=b"\x01") for frame, _ in CandumpReader(file)] == arrivals

@@ -7,6 +7,7 @@ import pytest
 from skinbus.errors import ConfigError
 from skinbus.sim import load_scene, scene_names
 from skinbus.sim.scene_file import scene_of
+from tests.sim.truth import truth_of
 
 
 @pytest.mark.parametrize("name", scene_names())
@@ -16,7 +17,7 @@ def test_scene_that_ships_loads_and_is_felt(name):
     for touch in scene.touches:
         middle = 0.5 * (touch.start + touch.end)
         assert len(scene.touches_at(middle)) >= 1
-        assert scene.pressures(middle).max() > 1000.0
+        assert truth_of(scene)(middle).max() > 1000.0
 
 
 def test_name_with_spaces_is_as_good_as_with_hyphens(tmp_path):

@@ -11,6 +11,7 @@ from skinbus.objects.readings import ReadingsPlan
 from skinbus.sim import load_scene
 from skinbus.sim.player import BOOT_NS, Player
 from skinbus.sim.world import World
+from tests.sim.truth import truth_of
 
 MS = 1_000_000
 
@@ -32,14 +33,14 @@ def test_counts_on_the_bus_are_the_pressures_of_the_scene_in_every_cycle(forearm
     scene, cycles = forearm
     plan, batch = ReadingsPlan(scene.arm, ods_of(scene.arm)), FrameBatch(1024)
     counts, step = np.zeros(scene.arm.n_tactels, np.int32), scene.arm.patches[0].patch.transducer.step
-    highest = 0
+    highest, truth = 0, truth_of(scene)
     for k, frames in enumerate(cycles):
         seen = np.zeros(scene.arm.n_patches, np.int32)
-        batch.clear()
+        batch.n = 0
         batch.extend([frame for frame in frames if frame.can_id in plan.cob_ids_on[0]])
         plan.unpack(batch, counts, seen)
         assert (seen == plan.expected).all()
-        wanted = scene.pressures(k / scene.arm.bus.rate_hz)
+        wanted = truth(k / scene.arm.bus.rate_hz)
         assert_allclose(counts * step, wanted, atol=0.51 * step)
         highest = max(highest, counts.max())
     assert highest > 3000

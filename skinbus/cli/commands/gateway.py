@@ -60,4 +60,4 @@ def command(
     echo(f"{found.title}: {n} of {arm.name} from {shown(places[1:])} to {shown(places[:1])}; Ctrl-C stops")
     with host:
         host.wait(seconds)
-    echo(f"{counted(gateway.n_foreign, 'frame')} on {skin} were of no patch")
+    echo(f"{counted(gateway.receiver.n_foreign, 'frame')} on {skin} were of no patch")

@@ -50,7 +50,7 @@ def command(arm: str, state: Path) -> None:
 
 def check_health(arm: Arm, boards: Sequence[Records | None]) -> Iterator[tuple[str, str]]:
     """Return what changed and what to do about it, or that nothing did."""
-    found = findings(arm, boards)
+    found = list(findings(arm, boards))
     for own in found:
         which = f" tactel{'s' if len(own.tactels) > 1 else ''} {span(own.tactels)}" if own.tactels else ""
         yield f"node {arm.node_label(own.patch)}{which}: {own.what}", own.advice

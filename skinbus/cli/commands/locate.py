@@ -17,6 +17,7 @@ from skinbus.cli.options import INPUT, file_option
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_edit import write_arm
 from skinbus.config.arm_file import find_arm
+from skinbus.config.placement import keys_of
 from skinbus.config.system import load_arm
 from skinbus.estimate.calibration.location import OUTLIER, Located, locate
 from skinbus.estimate.calibration.table import Press
@@ -118,7 +119,7 @@ def remarks(board: Located, fault: str, rows: Sequence[Press]) -> Iterator[str]:
 
 def place_of(arm: Arm, board: Located) -> dict[str, Any]:
     """Return the place of a board as an arm file has it."""
-    place = arm.links[arm.patches[board.patch].link].surface.keys_of(board.s, board.a)
+    place = keys_of(arm.links[arm.patches[board.patch].link].surface, board.s, board.a)
     if "yaw" not in board.unknown:
         place["yaw_deg"] = math.degrees(board.yaw)
     return {key: round(value, 3) for key, value in place.items()}

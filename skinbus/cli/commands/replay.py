@@ -101,7 +101,7 @@ def command(
     if rate_hz != loaded.bus.rate_hz:
         said = f" (the arm file says {loaded.bus.rate_hz:g})"
     no_sync = ", without SYNC" if recorded.sync.bus is None else ""
-    seconds = f"{recorded.now_s:.3f} s; {counted(n_cycles, 'cycle')}"
+    seconds = f"{1e-9 * recorded.replay.timeline.now_ns:.3f} s; {counted(n_cycles, 'cycle')}"
     echo(f"{log}: {seconds} at {rate_hz:.4g} Hz{no_sync}{said}, level {level}")
     if lives:
         console.table(TITLES, [life.row() for life in lives.values()])

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from skinbus.can.core import Step
 from skinbus.can.event import EventKind
-from skinbus.can.frame import Frame
+from skinbus.can.frame import Frame, Frames
 from skinbus.master.commissioning.scan import Scanner
 from skinbus.master.commissioning.sessions import Listen, Script, ScriptCore
 from skinbus.node.lss import FASTSCAN, FASTSCAN_ALL, UNCONFIGURED, Lss, Mode, lss_request
@@ -31,7 +31,7 @@ SETTLE_SHARE = 4
 
 BITS = 32
 
-SWITCH_SELECTIVE = (Lss.SWITCH_VENDOR, Lss.SWITCH_PRODUCT, Lss.SWITCH_REVISION, Lss.SWITCH_SERIAL)
+SWITCH_SELECTIVE = range(Lss.SWITCH_VENDOR, Lss.SWITCH_SERIAL + 1)
 
 
 class Address(NamedTuple):
@@ -122,7 +122,7 @@ class Assigner(ScriptCore):
         self._scanned = False
         self.cob_ids = self.scanner.cob_ids
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+    def step(self, now_ns: int, frames: Frames) -> Step:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
         if not self._scanned:
             step = self.scanner.step(now_ns, frames)

@@ -18,7 +18,7 @@ import numpy as np
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.can.core import Step
-from skinbus.can.frame import RTR, Frame
+from skinbus.can.frame import RTR, Frame, Frames
 from skinbus.master.commissioning.sessions import Listen, Reply, Request, Script, ScriptCore, Timeouts
 from skinbus.node.context import NS_PER_MS
 from skinbus.node.nmt import nmt_frame
@@ -156,7 +156,7 @@ class PatchCheck(ScriptCore):
         """Whether no rule has failed."""
         return all(result.grade is not Grade.FAIL for result in self.results)
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+    def step(self, now_ns: int, frames: Frames) -> Step:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
         self.now_ns = now_ns
         return super().step(now_ns, frames)

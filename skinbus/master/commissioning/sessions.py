@@ -7,13 +7,13 @@ threads.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
-from skinbus.can.frame import Frame
+from skinbus.can.frame import CobIds, Frame, Frames
 from skinbus.master.other_master import OtherMaster
 from skinbus.model import Arm, BusSettings
 from skinbus.node.context import NS_PER_MS
@@ -110,7 +110,7 @@ class ListenUnderWay:
         self.wake_ns = 0
         self.reply: list[Frame] | None = None
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
+    def step(self, now_ns: int, frames: Frames) -> list[Frame]:
         """Take frames; return those to send."""
         if not self.wake_ns:
             self.wake_ns = now_ns + self._listen.ns
@@ -162,9 +162,7 @@ class Sessions(dict[int, _Session[T]]):
         self[key] = session = _Session(script, node_id, self._open(next(script), node_id))
         return session.under_way.step(now_ns, ())
 
-    def step(
-        self, now_ns: int, answers: Mapping[int, Sequence[Frame]]
-    ) -> tuple[list[Frame], list[tuple[int, T]]]:
+    def step(self, now_ns: int, answers: Mapping[int, Frames]) -> tuple[list[Frame], list[tuple[int, T]]]:
         """Take frames by key; return the next frames, and what the scripts that have ended returned."""
         out: list[Frame] = []
         ended: list[tuple[int, T]] = []
@@ -177,7 +175,7 @@ class Sessions(dict[int, _Session[T]]):
                     ended.append((key, end.value))
         return out, ended
 
-    def _advance(self, now_ns: int, session: _Session[T], frames: Sequence[Frame]) -> list[Frame]:
+    def _advance(self, now_ns: int, session: _Session[T], frames: Frames) -> list[Frame]:
         """Feed one session; return what it sends. StopIteration when its script has ended."""
         session.has_answered |= bool(frames)
         under_way, keys = session.under_way, _keys(frames)
@@ -201,7 +199,7 @@ class Sessions(dict[int, _Session[T]]):
         return ListenUnderWay(request)
 
 
-def _keys(frames: Sequence[Frame]) -> list[bytes]:
+def _keys(frames: Frames) -> list[bytes]:
     """Return the objects that SDO answers name, as the keys of transfers."""
     return [
         frame.data[1:4]
@@ -213,21 +211,21 @@ def _keys(frames: Sequence[Frame]) -> list[bytes]:
 class ScriptCore(Core):
     """A core that goes through one script, with one node or with all, and then asks its host to stop."""
 
-    cob_ids: frozenset[int] | None = None
+    cob_ids: CobIds | None = None
 
     def __init__(self, script: Script[None], node_id: int = 0, timeouts: Timeouts | None = None) -> None:
         self._script, self._node_id = script, node_id
         self._session: Sessions[None] = Sessions(timeouts)
         self._has_begun = False
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+    def step(self, now_ns: int, frames: Frames) -> Step:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
         if self._has_begun:
             out, _ = self._session.step(now_ns, {0: frames})
         else:
             self._has_begun = True
             out = self._session.begin(now_ns, 0, self._node_id, self._script)
-        stop = () if self._session else [Event(t_ns=now_ns, kind=EventKind.STOP)]
+        stop = () if self._session else [Event(now_ns, EventKind.STOP)]
         return Step(out, stop, self._session.wake_ns)
 
 
@@ -240,7 +238,7 @@ class NodesCore(Core, Generic[T]):
         lasts_ns: least time from the first request to the end.
     """
 
-    cob_ids: frozenset[int] | None = None
+    cob_ids: CobIds | None = None
 
     def __init__(
         self,
@@ -274,7 +272,7 @@ class NodesCore(Core, Generic[T]):
     def _hear(self, frame: Frame) -> None:
         """Take any frame."""
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+    def step(self, now_ns: int, frames: Frames) -> Step:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
         events = self.other_master.step(now_ns, frames)
         if self._begin_ns is None:
@@ -282,7 +280,7 @@ class NodesCore(Core, Generic[T]):
         out: list[Frame] = []
         if self._end_ns == NEVER:
             if self._listens_ns and self.other_master.is_present:
-                return Step((), [*events, Event(t_ns=now_ns, kind=EventKind.STOP)], NEVER)
+                return Step((), [*events, Event(now_ns, EventKind.STOP)], NEVER)
             if now_ns < self._begin_ns:
                 return Step((), (), self._begin_ns)
             self._end_ns = now_ns + self._lasts_ns
@@ -299,5 +297,5 @@ class NodesCore(Core, Generic[T]):
             self._conclude(node_id, result)
         wake_ns = self._sessions.wake_ns if self._sessions else max(self._end_ns, now_ns)
         is_over = not self._sessions and now_ns >= self._end_ns
-        stop = [Event(t_ns=now_ns, kind=EventKind.STOP)] * is_over
+        stop = [Event(now_ns, EventKind.STOP)] * is_over
         return Step(out + requests, stop, NEVER if is_over else wake_ns)

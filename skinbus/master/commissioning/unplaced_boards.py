@@ -10,8 +10,8 @@ import numpy as np
 from skinbus.arrays import Floats
 from skinbus.can.core import Step
 from skinbus.can.event import EventKind
-from skinbus.can.frame import Frame
-from skinbus.config.placement import Mounting
+from skinbus.can.frame import Frames
+from skinbus.config.placement import Mounting, keys_of
 from skinbus.config.system import ods_of
 from skinbus.master.commissioning.identification import Board, Identified, Place
 from skinbus.master.commissioning.scan import Found
@@ -104,7 +104,7 @@ class QuietMaster(Master):
         self._withheld = frozenset((*objects.contact_ids, objects.summary.cob_id, objects.load.cob_id))
         self._on_pressures = on_pressures
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+    def step(self, now_ns: int, frames: Frames) -> Step:
         """As a master, without its TPDOs; zeros that lie elsewhere than the files say are no event."""
         step = super().step(now_ns, frames)
         events = [event for event in step.events if event.kind not in UNSAID]
@@ -124,7 +124,7 @@ def places_of(arm: Arm) -> list[Place]:
     places = []
     for placed, kind in zip(arm.patches, kinds_of(arm), strict=True):
         link = arm.links[placed.link]
-        at = link.surface.keys_of(placed.s, placed.a).items()
+        at = keys_of(link.surface, placed.s, placed.a).items()
         words = [link.name, *(key.replace("_", f" {value:.0f} ") for key, value in at)]
         places.append(Place(placed.key, ", ".join(words), kind.kind, placed.patch.size))
     return places

@@ -154,12 +154,15 @@ class Change(NamedTuple):
     new: bytes
 
 
+Changes = tuple[Change, ...]
+
+
 class Provisioned(NamedTuple):
     """What came of one patch, why, and what changed."""
 
     outcome: Provision
     reason: str = ""
-    changes: tuple[Change, ...] = ()
+    changes: Changes = ()
     """Values that differed, of those that were read."""
     n_written: int = 0
     """Objects downloaded."""
@@ -231,7 +234,7 @@ def _provision(plan: ExpectedNode, task: Task, *, is_restored: bool) -> Script[P
                 return Provisioned(Provision.RESTORED, "had a configuration that is not in the arm file")
         if not asked.writes:
             return Provisioned(Provision.REFUSED, "keeps a configuration that is not in the arm file")
-    differing: tuple[Change, ...] = ()
+    differing: Changes = ()
     if task is not Task.BOOT:
         differing = yield from _compare_all(asked)
     elif is_marked:
@@ -313,7 +316,7 @@ def final_values(writes: Iterable[Write]) -> dict[tuple[int, int], bytes]:
     return {(write.index, write.sub): write.data for write in writes}
 
 
-def _verify(asked: Configuration) -> Script[tuple[Change, ...]]:
+def _verify(asked: Configuration) -> Script[Changes]:
     """Return which objects that the pipeline depends on differ; one transfer, of a board with a checksum.
 
     Neither can another tool evade: the checksum is of what is held now, 0x1020 of what was configured once.
@@ -328,9 +331,7 @@ def _verify(asked: Configuration) -> Script[tuple[Change, ...]]:
     return (yield from _compare(final_values(asked.communication), MISSING))
 
 
-def _compare_all(
-    asked: Configuration, unreadable: Container[tuple[int, int]] = ()
-) -> Script[tuple[Change, ...]]:
+def _compare_all(asked: Configuration, unreadable: Container[tuple[int, int]] = ()) -> Script[Changes]:
     """Return which values of the configuration differ, and which objects that the pipeline depends on."""
     values = {key: v for key, v in final_values(asked.writes).items() if key not in unreadable}
     configured = yield from _compare(values)
@@ -338,9 +339,7 @@ def _compare_all(
     return tuple(dict.fromkeys([*configured, *verified]))
 
 
-def _compare(
-    values: Mapping[tuple[int, int], bytes], skipped: tuple[int, ...] = ()
-) -> Script[tuple[Change, ...]]:
+def _compare(values: Mapping[tuple[int, int], bytes], skipped: tuple[int, ...] = ()) -> Script[Changes]:
     """Return which values that a patch holds differ; those that it aborts with a ``skipped`` code do not."""
     changes = []
     for (index, sub), new in values.items():
@@ -359,9 +358,7 @@ def _relevant(index: int, sub: int, data: bytes) -> bytes | int:
     return int.from_bytes(data, "little") & ~cia.COB_ID_NO_RTR if is_cob_id else data
 
 
-def _download(
-    asked: Configuration, changes: tuple[Change, ...], task: Task, *, is_marked: bool
-) -> Script[Provisioned]:
+def _download(asked: Configuration, changes: Changes, task: Task, *, is_marked: bool) -> Script[Provisioned]:
     """Download in the order that devices take, verify, mark and store; ``changes`` differed before."""
     unreadable = {(change.index, change.sub) for change in changes if change.old is None}
     writes = [*asked.writes * (task is Task.CONFIGURE or not is_marked), *_repairs(asked, changes)]

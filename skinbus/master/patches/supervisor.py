@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from skinbus.can.core import NEVER
+from skinbus.can.core import NEVER, Output
 from skinbus.can.event import Event, EventKind
-from skinbus.can.frame import Frame
+from skinbus.can.frame import Frame, Frames
 from skinbus.master.commissioning.sessions import Script, Sessions, Timeouts
 from skinbus.master.guarding import Guarding
 from skinbus.master.patches.provisioning import (
@@ -98,7 +98,7 @@ class PatchMonitor:
         """Begin; return what is sent."""
         return []
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> tuple[list[Frame], list[Event]]:
+    def step(self, now_ns: int, frames: Frames) -> Output:
         """Take control-plane frames; return frames to send, and events."""
         for frame in frames:
             _, sender = self._sender.get(frame.can_id, (0, None))
@@ -138,7 +138,7 @@ class PatchMonitor:
         self._report(now_ns, EventKind.PATCH_BACK, back)
         return silent, back
 
-    def stop(self, now_ns: int, until_ns: int, doubled: Mask, late: Mask) -> tuple[list[Frame], list[Event]]:
+    def stop(self, now_ns: int, until_ns: int, doubled: Mask, late: Mask) -> Output:
         """Take patches (n_patches,) whose readings came twice, and those whose are missing or late."""
         self._report(now_ns, EventKind.PATCH_DOUBLED, doubled)
         return self._taken()
@@ -156,9 +156,9 @@ class PatchMonitor:
     def _report(self, now_ns: int, kind: EventKind, patches: int | Mask, detail: str = "") -> None:
         """Report an event of one patch, or of all in a mask."""
         for p in np.flatnonzero(patches) if isinstance(patches, np.ndarray) else (patches,):
-            self._events.append(Event(t_ns=now_ns, kind=kind, node_id=self._plans[p].node_id, detail=detail))
+            self._events.append(Event(now_ns, kind, node_id=self._plans[p].node_id, detail=detail))
 
-    def _taken(self) -> tuple[list[Frame], list[Event]]:
+    def _taken(self) -> Output:
         """Return what is to be sent, and events, since the last call."""
         out, events, self._out, self._events = self._out, self._events, [], []
         return out, events
@@ -243,7 +243,7 @@ class Supervisor(PatchMonitor):
         hold = self._hold_until if self._ready and not self._sessions.n_answering else NEVER
         return min(int(self._due.min()), self._next_watch, self._sessions.wake_ns, hold)
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> tuple[list[Frame], list[Event]]:
+    def step(self, now_ns: int, frames: Frames) -> Output:
         """Take control-plane frames; return frames to send, and events."""
         if self._is_bus_lost:
             return [], []
@@ -287,7 +287,7 @@ class Supervisor(PatchMonitor):
             self._watch(now_ns)
         return self._taken()
 
-    def _converse(self, now_ns: int, answers: Mapping[int, Sequence[Frame]], has_sent_emcy: set[int]) -> None:
+    def _converse(self, now_ns: int, answers: Mapping[int, Frames], has_sent_emcy: set[int]) -> None:
         """Take SDO answers by patch, and act on what has ended."""
         for p in answers:
             if p in self._sessions and self.table.state[p] == PatchState.ABSENT:
@@ -318,7 +318,7 @@ class Supervisor(PatchMonitor):
         self._is_lost[silent], self._is_lost[back] = True, False
         return self._taken()[1]
 
-    def stop(self, now_ns: int, until_ns: int, doubled: Mask, late: Mask) -> tuple[list[Frame], list[Event]]:
+    def stop(self, now_ns: int, until_ns: int, doubled: Mask, late: Mask) -> Output:
         """Stop these patches until then and boot them: of two boards under one node-ID both answer."""
         for p in np.flatnonzero((doubled | late) & self.table.is_running).tolist():
             if doubled[p]:
@@ -470,7 +470,7 @@ class Supervisor(PatchMonitor):
 
     def _late(self, now_ns: int) -> Mask:
         """Return which patches owe a heartbeat for too long, (n_patches,)."""
-        return now_ns - self.table.last_heard > self._lost_after
+        return np.asarray(now_ns - self.table.last_heard > self._lost_after)
 
     def _command(self, p: int, command: NmtCommand) -> None:
         self._out.append(nmt_frame(command, self._plans[p].node_id))

@@ -13,11 +13,12 @@ import numpy as np
 import numpy.typing as npt
 import viser
 import viser.transforms
+from scipy.spatial import Delaunay
 from trimesh import Trimesh
 from trimesh.convex import convex_hull
 
 from skinbus.arrays import Floats
-from skinbus.model import Arm, Surface
+from skinbus.model import Arm, Surface, grid
 from skinbus.model.mesh_surface import MeshSurface
 from skinbus.view.web import colours
 from skinbus.view.web.drawing import Drawing, Lines
@@ -231,14 +232,12 @@ def link_mesh(surface: Surface) -> Mesh:
 
 def board_meshes(arm: Arm, link: int) -> Mesh:
     """Return the boards of a link, bent to its surface, as one mesh."""
-    n = BOARD_EDGE
-    v, u = np.meshgrid(np.linspace(-0.5, 0.5, n), np.linspace(-0.5, 0.5, n), indexing="ij")
-    k = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
-    faces = np.concatenate([np.stack([k, k + 1, k + n], -1), np.stack([k + 1, k + n + 1, k + n], -1)])
-    surface, boards = arm.links[link].surface, [board for board in arm.patches if board.link == link]
-    shares = np.stack([u.ravel(), v.ravel()], -1)
+    shares = grid(BOARD_EDGE, BOARD_EDGE, 1.0 / (BOARD_EDGE - 1))
+    faces = Delaunay(shares).simplices
+    surface = arm.links[link].surface
+    boards = [board for board in arm.patches if board.link == link]
     vertices = [surface.position(*b.on_link(surface, np.array(b.patch.size) * shares))[0] for b in boards]
-    starts = n * n * np.arange(len(boards))[:, None, None]
+    starts = len(shares) * np.arange(len(boards))[:, None, None]
     return _mesh(np.concatenate(vertices), (faces + starts).reshape(-1, 3))
 
 
