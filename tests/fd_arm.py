@@ -1,5 +1,7 @@
 """Two boards on CAN FD and a press, as files: for the tests of the virtual wire and of the real bus alike."""
 
+from tests.files import put
+
 PATCHES = [("skin-patch-fd", 16), ("skin-patch-fd32", 32)]
 """EDS and number of tactels."""
 CAN_FD = "canfd = true\ndata_bitrate = 5_000_000\n"
@@ -44,13 +46,9 @@ end_s = 1000.0
 
 def write_arm(folder, eds, canfd=CAN_FD):
     """Write the arm file into a folder; return its path."""
-    path = folder / "fd.toml"
-    path.write_text(ARM.format(eds=eds, canfd=canfd))
-    return path
+    return put(folder, "fd.toml", ARM.format(eds=eds, canfd=canfd))
 
 
 def write_scene_file(folder, eds):
     """Write the arm and scene files into a folder; return the path of the scene."""
-    path = folder / "scene.toml"
-    path.write_text(SCENE.format(arm=write_arm(folder, eds)))
-    return path
+    return put(folder, "scene.toml", SCENE.format(arm=write_arm(folder, eds)))

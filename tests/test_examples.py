@@ -18,6 +18,7 @@ from skinbus.skin.feed import Feed
 from skinbus.skin.shared_memory import SharedWriter, path_of
 from skinbus.skin.skin import Skin
 from tests.cli.patience import PATIENCE_S
+from tests.files import put
 from tests.skin.scenes import write
 from tests.skin.scripted import made_cycle
 from tests.skin.shared_processes import CRAFTED, LAYOUT, crafted_memory, uniform
@@ -150,7 +151,7 @@ def test_the_tutorial_runs_as_it_stands_up_to_its_bus(tmp_path):
     for kind, title, body in re.findall(r'```(\w+)(?: title="(.*?)")?\n(.*?)```', text, re.DOTALL):
         command = body if kind == "sh" else f"python {title}" * (kind == "python")
         if title:
-            (folder / title).write_text(body)
+            put(folder, title, body)
         if "pip install" not in body:  # what is installed is tested elsewhere, and `view` does not end
             command = command.replace("skinbus view", "skinbus scene check")
             said += subprocess.check_output(

@@ -22,6 +22,7 @@ from skinbus.errors import ShareError
 from skinbus.skin.cycle import SkinLayout
 from skinbus.skin.shared_memory import SharedWriter, path_of
 from tests.cli.patience import PATIENCE_S
+from tests.files import put
 
 pytestmark = pytest.mark.skipif(os.geteuid() != 0, reason="becomes another user")
 
@@ -93,8 +94,7 @@ def name():
 
 
 def test_a_running_service_and_its_reader_go_on(name, tmp_path):
-    state = tmp_path / "state.json"
-    state.write_text("{}")
+    state = put(tmp_path, "state.json", "{}")
     writer = [sys.executable, "-m", "tests.skin.shared_processes", "write", name, "0.005"]
     with subprocess.Popen(writer, stdout=subprocess.PIPE) as service:
         try:

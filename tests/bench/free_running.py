@@ -13,6 +13,7 @@ import numpy as np
 from skinbus.can.virtual_buses import VirtualBuses
 from skinbus.master import Master
 from skinbus.sim import World, load_scene
+from tests.files import put
 from tests.master.test_free_running import by_events
 from tests.sim.truth import truth_of
 
@@ -34,7 +35,7 @@ def write_arm(folder, values, rate_hz):
         s_mm, a_mm = 26.0 + 51.0 * (k // 2), 51.0 * (k % 2) - 25.5
         text += f'[[patch]]\nnode_id = {p + 1}\nlink = "l{bus}"\nbus = "b{bus}"\n'
         text += f"s_mm = {s_mm}\na_mm = {a_mm}\nset = {values}\n"
-    (folder / "planes.toml").write_text(text)
+    put(folder, "planes.toml", text)
 
 
 def write_scene(folder, starts_s):
@@ -50,7 +51,7 @@ def write_scene(folder, starts_s):
             [start + TOUCH_S + RAMP_S, 0.0],
         ]
         text += f'[[touch]]\nlink = "l{link}"\ns_mm = {s_mm}\na_mm = {a_mm}\nforce_n = {ends}\n'
-    (folder / "scene.toml").write_text(text)
+    put(folder, "scene.toml", text)
 
 
 class Timed:

@@ -1,6 +1,7 @@
 """A compiled kernel is out of date when something that it is made from has changed, and only then."""
 
 from skinbus.jit.sources import sources_stamp
+from tests.files import put
 
 
 def write(folder, **sources):
@@ -21,7 +22,7 @@ def stamp(folder, **changes):
         "unused": "D = 1\n",
     }  # fmt: skip
     package = write(folder, **(sources | changes))
-    (package / "deep" / "__init__.py").write_text(changes.get("init", ""))
+    put(package / "deep", "__init__.py", changes.get("init", ""))
     return sources_stamp(str(package / "kernel.py"), package)
 
 

@@ -5,6 +5,7 @@ import pytest
 from skinbus.errors import EdsError
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import find_eds, load_eds
+from tests.files import put
 
 EDS = {"skin-patch": "DefaultValue=16", "skin-patch-8bit": "DefaultValue=8"}
 
@@ -12,9 +13,9 @@ EDS = {"skin-patch": "DefaultValue=16", "skin-patch-8bit": "DefaultValue=8"}
 def eds_with(folder, name, bits):
     """Return the path of a shipped EDS with another number of bits."""
     head, found, tail = find_eds(name).read_text().partition("ParameterName=Bits")
-    path = folder / f"{name}-{bits}.eds"
-    path.write_text(head + found + tail.replace(EDS[name], f"DefaultValue={bits}", 1))
-    return path
+    return put(
+        folder, f"{name}-{bits}.eds", head + found + tail.replace(EDS[name], f"DefaultValue={bits}", 1)
+    )
 
 
 @pytest.mark.parametrize(
@@ -39,7 +40,6 @@ def test_count_means_the_same_pressure_whatever_the_bits_of_the_converter(
 def test_readings_that_cannot_be_left_adjusted_are_refused(tmp_path):
     text = find_eds("skin-patch").read_text()
     at = text.index("[6401sub10]")
-    path = tmp_path / "text.eds"
-    path.write_text(text[:at] + text[at:].replace("DataType=0x0003", "DataType=0x0006", 1))
+    text = text[:at] + text[at:].replace("DataType=0x0003", "DataType=0x0006", 1)
     with pytest.raises(EdsError, match=r"UNSIGNED16.*INTEGER8 to INTEGER32"):
-        describe_patch(load_eds(path, 1))
+        describe_patch(load_eds(put(tmp_path, "text.eds", text), 1))

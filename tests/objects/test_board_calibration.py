@@ -17,11 +17,16 @@ NOISE = np.linspace(50.0, 150.0, 16)
 TABLE = 13000.0 * np.exp(-((np.arange(64) / 20.0) ** 2))
 
 
+def stored(folder, **calibration):
+    """Write a calibration into a DCF; return the patch that is read from it."""
+    values = calibration_values(load_eds("skin-patch", 1), gain=GAIN, noise=NOISE, **calibration)
+    write_dcf("skin-patch", folder / "mine.dcf", values)
+    return describe_patch(load_eds(folder / "mine.dcf", 1))
+
+
 @pytest.mark.parametrize("law", [Radial(312e-6, TABLE, 0.85, 0.04), Cone(3.5e6, 0.9, 0.2)])
 def test_calibration_goes_into_a_dcf_and_comes_back(law, tmp_path):
-    values = calibration_values(load_eds("skin-patch", 1), law=law, gain=GAIN, noise=NOISE)
-    write_dcf("skin-patch", tmp_path / "mine.dcf", values)
-    patch = describe_patch(load_eds(tmp_path / "mine.dcf", 1))
+    patch = stored(tmp_path, law=law)
     assert_allclose(patch.gain, GAIN, rtol=REAL32)
     assert_allclose(patch.noise, NOISE, rtol=REAL32)
     assert type(patch.law) is type(law)
@@ -33,9 +38,7 @@ def test_calibration_goes_into_a_dcf_and_comes_back(law, tmp_path):
 
 def test_step_is_rounded_to_micrometres_and_the_table_follows(tmp_path):
     law = Radial(312.4e-6, TABLE)
-    values = calibration_values(load_eds("skin-patch", 1), law=law, gain=GAIN, noise=NOISE)
-    write_dcf("skin-patch", tmp_path / "mine.dcf", values)
-    read = describe_patch(load_eds(tmp_path / "mine.dcf", 1)).law
+    read = stored(tmp_path, law=law).law
     d = np.linspace(0.0, 0.019, 200)
     assert_allclose(read.profile(d), law.profile(d), atol=1e-4 * TABLE[0])
 
@@ -50,12 +53,7 @@ def test_response_goes_into_a_dcf_and_comes_back(tmp_path):
     law = Radial(312e-6, TABLE, 0.85, 0.04, 0.01 * TABLE[::-1], 7.5)
     width, bias = rng.uniform(0.9, 1.1, 16), rng.uniform(-50.0, 50.0, 16)
     found = ResidualMap(2e-3, rng.uniform(-100.0, 100.0, (16, 19, 19)))
-    values = calibration_values(
-        load_eds("skin-patch", 1),
-        law=law, gain=GAIN, noise=NOISE, width=width, bias=bias, residual_map=found,
-    )  # fmt: skip
-    write_dcf("skin-patch", tmp_path / "mine.dcf", values)
-    patch = describe_patch(load_eds(tmp_path / "mine.dcf", 1))
+    patch = stored(tmp_path, law=law, width=width, bias=bias, residual_map=found)
     assert_allclose(patch.width, width, rtol=REAL32)
     assert_allclose(patch.bias, bias, rtol=REAL32)
     assert_allclose(patch.law.misfit_profile, law.misfit_profile, rtol=1e-6)

@@ -19,7 +19,7 @@ from skinbus.objects.eds import find_eds, load_eds
 from skinbus.objects.eds_file import read_text
 from skinbus.objects.pdo import Direction, compile_pdo
 from skinbus.objects.settings import freeze
-from tests.lely import dcfchk
+from tests.lely import assert_clean
 from tests.master.sdo_reads import write
 
 NODE = 5
@@ -153,8 +153,7 @@ def test_dcf_read_back_is_the_configuration(tmp_path):
         (0x1016, 1, 0x7F03E8),
         (0x2030, 1, 1500),
     ]
-    run = dcfchk(path, tmp_path)
-    assert (run.returncode, run.stderr) == (0, "")
+    assert_clean(path, tmp_path)
     text = path.read_text()
     assert "FileName=left.dcf" in text
     assert "LastEDS=skin-patch.eds" in text
@@ -168,8 +167,7 @@ def test_values_of_compact_arrays_get_a_section_of_their_own(tmp_path):
     assert "[1016Value]\n3=7\nNrOfEntries=3\n120=16\n4=9\n" in path.read_text()
     od = load_eds(path, 127)
     assert [od[0x1016][k].value for k in (2, 3, 4, 120)] == [None, 7, 9, 0x10]
-    run = dcfchk(path, tmp_path)
-    assert (run.returncode, run.stderr) == (0, "")
+    assert_clean(path, tmp_path)
 
 
 def test_encoding_and_line_ends_stay_as_they_are(tmp_path):

@@ -10,7 +10,8 @@ from skinbus.objects.eds import eds_names, find_eds, load_eds, read_eds
 from skinbus.objects.eds_file import read_text
 from skinbus.objects.eds_lint import lint
 from skinbus.objects.pdo import tpdos
-from tests.lely import dcfchk
+from tests.files import put
+from tests.lely import assert_clean
 
 DATA = Path(__file__).parent / "data"
 
@@ -22,8 +23,7 @@ def test_our_file_has_no_fault(name):
 
 @pytest.mark.parametrize("name", eds_names())
 def test_our_file_is_clean_under_dcfchk(name, tmp_path):
-    run = dcfchk(name, tmp_path)
-    assert (run.returncode, run.stderr) == (0, "")
+    assert_clean(name, tmp_path)
 
 
 SOURCE = find_eds("skin-patch").read_text()
@@ -62,8 +62,7 @@ def changed(text, changes):
 @pytest.mark.parametrize("name", PLANTED)
 def test_planted_fault_is_refused_with_section_key_seen_and_wanted(name, tmp_path):
     changes, wanted = PLANTED[name]
-    path = tmp_path / "planted.eds"
-    path.write_text(changed(SOURCE, changes))
+    path = put(tmp_path, "planted.eds", changed(SOURCE, changes))
     with pytest.raises(EdsError) as caught:
         load_eds(path, 1)
     assert caught.value.file == str(path)

@@ -10,6 +10,7 @@ from skinbus.objects import cia
 from skinbus.objects.dcf import configuration
 from skinbus.objects.eds import load_eds
 from skinbus.objects.new_board import HEARTBEAT_MS, NewBoard, module_dcf
+from tests.files import put
 from tests.master.rig import Rig
 
 EIGHT_INPUTS = Path(__file__).parent / "data" / "eight-inputs.eds"
@@ -28,9 +29,7 @@ def board(columns=4, rows=2):
 
 @pytest.fixture
 def dcf(tmp_path):
-    path = tmp_path / "inputs.dcf"
-    path.write_text(module_dcf(EIGHT_INPUTS.read_text(), board()))
-    return path
+    return put(tmp_path, "inputs.dcf", module_dcf(EIGHT_INPUTS.read_text(), board()))
 
 
 def test_the_module_is_given_only_what_it_has(dcf):
@@ -78,13 +77,11 @@ end_s = 9.0
 
 @pytest.mark.slow
 def test_a_simulated_module_makes_contacts(dcf, tmp_path):
-    (tmp_path / "arm.toml").write_text(ARM)
-    (tmp_path / "scene.toml").write_text(SCENE)
-    rig = Rig(tmp_path / "scene.toml")
+    put(tmp_path, "arm.toml", ARM)
+    rig = Rig(put(tmp_path, "scene.toml", SCENE))
     reports, *_ = rig.run(4000)
     contacts = reports[-1].contacts
     assert len(contacts) == 1
     sd = np.sqrt(np.diag(contacts.covariance[0]))
     away = np.array([contacts.s[0] - 32e-3, contacts.a[0] - 3e-3, contacts.force[0] - 8.0])
-    print(away, sd)
     assert (abs(away) < 6.0 * sd).all()

@@ -11,6 +11,7 @@ from skinbus.objects.eds import load_eds, read_eds
 from skinbus.objects.eds_lint import lint
 from skinbus.objects.new_board import NewBoard
 from skinbus.objects.pdo import readings_in, tpdos
+from tests.files import put
 
 BOARDS = [
     (1, 1, 5.0, 8, False, 8, 1),
@@ -32,8 +33,7 @@ def made(request, tmp_path):
     board = NewBoard(
         name="my.eds", tactels_uv=grid(columns, rows, pitch), pitch=pitch, bits=bits, canfd=canfd
     )
-    path = tmp_path / "my.eds"
-    path.write_text(board.text())
+    path = put(tmp_path, "my.eds", board.text())
     assert [board.reading_bits, len(board.mapped)] == wanted
     return board, path
 
@@ -114,6 +114,6 @@ def test_what_cannot_be_is_refused(change, said):
 )
 def test_age_of_samples_is_mapped_where_there_is_room(grid_of, bits, canfd, stamps, tmp_path):
     board = NewBoard(name="my.eds", tactels_uv=grid(*grid_of, 8e-3), pitch=8e-3, bits=bits, canfd=canfd)
-    (tmp_path / "my.eds").write_text(board.text())
+    put(tmp_path, "my.eds", board.text())
     sent = [pdo for pdo in tpdos(load_eds(tmp_path / "my.eds", 7)) if pdo.valid]
     assert [[e.sub for e in pdo.entries if e.index == 0x2070] for pdo in sent] == stamps

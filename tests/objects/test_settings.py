@@ -3,11 +3,12 @@
 import pytest
 
 from skinbus.config.system import load_arm, ods_of
-from skinbus.errors import ConfigError, EdsError
+from skinbus.errors import EdsError
 from skinbus.objects import cia, profile
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import find_eds, load_eds
 from skinbus.objects.settings import freeze
+from tests.files import faults_of, put
 
 
 def load(**settings):
@@ -103,9 +104,7 @@ s_mm = 90.0
 
 
 def test_arm_file_sets_objects_of_one_patch(tmp_path):
-    path = tmp_path / "arm.toml"
-    path.write_text(ARM)
-    arm = load_arm(path)
+    arm = load_arm(put(tmp_path, "arm.toml", ARM))
     assert [p.patch.threshold for p in arm.patches] == [1500.0, 1000.0]
     assert arm.tactel_gain[15] == 1.5
     first, second = ods_of(arm)
@@ -116,11 +115,8 @@ def test_arm_file_sets_objects_of_one_patch(tmp_path):
 
 
 def test_wrong_settings_are_faults_of_the_arm_file(tmp_path):
-    path = tmp_path / "arm.toml"
-    path.write_text(ARM.replace('"Touch Pa" = 1500', '"Tuch Pa" = 1500\n"Release Pa" = [true, "x"]'))
-    with pytest.raises(ConfigError) as caught:
-        load_arm(path)
-    assert [str(fault) for fault in caught.value.faults] == [
+    text = ARM.replace('"Touch Pa" = 1500', '"Tuch Pa" = 1500\n"Release Pa" = [true, "x"]')
+    assert faults_of(load_arm, put(tmp_path, "arm.toml", text)) == [
         "patch[1].set.\"Tuch Pa\": wanted a name in the file such as 'Touch Pa', "
         "or an index such as 0x2030:01",
         "patch[1].set.\"Release Pa\": is (True, 'x'); wanted one value",
@@ -133,8 +129,9 @@ def test_release_above_touch_is_refused():
 
 
 def test_dcf_for_another_node_is_refused(tmp_path):
-    path = tmp_path / "five.dcf"
-    path.write_text(find_eds("skin-patch").read_text() + "\n[DeviceComissioning]\nNodeID=5\n")
+    path = put(
+        tmp_path, "five.dcf", find_eds("skin-patch").read_text() + "\n[DeviceComissioning]\nNodeID=5\n"
+    )
     assert load_eds(path, 5)
     with pytest.raises(EdsError, match=r"NodeID: is 5; wanted 6, the node it is for"):
         load_eds(path, 6)

@@ -8,6 +8,7 @@ import numpy as np
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Surface, grid
 from skinbus.robot.mesh import mend
 from skinbus.robot.mesh_link import Laid, lay
+from tests.files import put
 from tests.robot.meshes import tube
 
 TUBE_ARM = """
@@ -66,6 +67,4 @@ def write_tube(folder, text=TUBE_ARM):
 
     points, triangles = tube(0.04, 0.14, 3e-3)
     trimesh.Trimesh(100.0 * points, triangles, process=False).export(folder / "tube.stl")
-    path = folder / "arm.toml"
-    path.write_text(text)
-    return path
+    return put(folder, "arm.toml", text)

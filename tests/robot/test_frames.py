@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import block_diag
 
 from skinbus.robot import RobotFrames
+from tests.files import put
 from tests.robot.robots import URDF, arm_on, columns_on, pinocchio, random_urdf
 
 pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
@@ -92,8 +93,7 @@ def test_covariances_are_those_of_finite_differences(seed, tmp_path):
     """Of points in all frames, by places and joints, on trees of all kinds."""
     rng = np.random.default_rng(seed)
     text, n = random_urdf(rng)
-    path = tmp_path / "random.urdf"
-    path.write_text(text)
+    path = put(tmp_path, "random.urdf", text)
     names = [f"link{k}" for k in rng.integers(0, n + 1, 3)]
     arm = arm_on(path, names, rng, tool=f"link{rng.integers(0, n + 1)}")
     frames = RobotFrames(arm)

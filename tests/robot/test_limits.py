@@ -10,17 +10,12 @@ from skinbus.errors import ArgumentError
 from skinbus.master.robot import MasterRobot
 from skinbus.robot.chain import SLACK_RAD, check_positions
 from tests.cli.invoke import refused
-from tests.robot.two_joints import ARM, URDF, write
-
-HEAD = ARM[: ARM.index("[[joint]]")]
-
-
-def robot(folder, joints):
-    return MasterRobot(load_arm(str(write(folder, HEAD + joints) / "arm.toml")))
+from tests.files import put
+from tests.robot.two_joints import FROM_PYTHON, URDF, write
 
 
 def test_positions_from_a_program_are_within_the_limits_but_for_the_slack(tmp_path):
-    chain = robot(tmp_path, "").frames.chain
+    chain = MasterRobot(load_arm(write(tmp_path, FROM_PYTHON) / "arm.toml")).frames.chain
     for value in (-3.0 - 0.9 * SLACK_RAD, 0.0, math.pi / 2, 3.0 + 0.9 * SLACK_RAD):
         check_positions(chain, np.array([value, -value]))
     for value in (-3.0 - 1.1 * SLACK_RAD, 90.0):
@@ -42,5 +37,5 @@ def test_positions_from_a_program_are_within_the_limits_but_for_the_slack(tmp_pa
 )
 def test_urdf_with_faults_is_refused_before_anything_starts(tmp_path, monkeypatch, words, urdf, wanted):
     monkeypatch.chdir(write(tmp_path))
-    (tmp_path / "two.urdf").write_text(urdf)
+    put(tmp_path, "two.urdf", urdf)
     assert wanted in refused(*words.split())

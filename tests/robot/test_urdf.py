@@ -9,6 +9,7 @@ from skinbus.errors import ConfigError
 from skinbus.model import JointSettings
 from skinbus.robot.chain import load_chain
 from skinbus.robot.urdf import read_urdf
+from tests.files import put
 from tests.robot.robots import URDF, arm_on
 
 pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
@@ -26,8 +27,7 @@ FAULTY = """\
 
 
 def faults_of(tmp_path, text):
-    path = tmp_path / "robot.urdf"
-    path.write_text(text)
+    path = put(tmp_path, "robot.urdf", text)
     with pytest.raises(ConfigError) as refused:
         read_urdf(path)
     assert refused.value.file == str(path)
@@ -126,9 +126,7 @@ def test_all_names_that_the_urdf_does_not_have_are_reported_at_once():
 
 def test_a_tool_frame_is_asked_for_where_there_are_several_ends(tmp_path):
     assert chain_of(URDF / "ur10e.urdf", ["forearm_link"]).n_joints == 6  # to the end of the only branch
-    path = tmp_path / "gripper.urdf"
-    path.write_text(MIMIC)
     with pytest.raises(
         ConfigError, match=r"robot.tool: wanted the link that is the tool frame, of left, right"
     ):
-        chain_of(path, ["left"])
+        chain_of(put(tmp_path, "gripper.urdf", MIMIC), ["left"])

@@ -9,6 +9,7 @@ from skinbus.sim.bonded_layer import profile
 from skinbus.sim.indenter import Indenter, Shape
 from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry, Loads
+from tests.marks import slow
 
 EDGE = Indenter(Shape.EDGE, 0.06)
 PALM = Indenter(Shape.PALM, 0.05, 0.03)
@@ -59,9 +60,7 @@ def integrated(arm, indenter, place, *, thickness_mm, tactel, force=10.0):
 
 @pytest.mark.parametrize("indenter", [EDGE, PALM], ids=["edge", "palm"])
 @pytest.mark.parametrize("tactel", ["point", "disc"])
-@pytest.mark.parametrize(
-    "thickness_mm", [6.0, *(pytest.param(mm, marks=pytest.mark.slow) for mm in (1.0, 2.0, 20.0))]
-)
+@pytest.mark.parametrize("thickness_mm", [6.0, *slow(1.0, 2.0, 20.0)])
 def test_pressures_are_the_integral_over_the_shape_within_the_bound(indenter, tactel, thickness_mm):
     arm = board()
     for place in ((0.031, 0.002, 0.4), (0.02, -0.013, 1.3)):

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from skinbus.errors import ConfigError
 from skinbus.sim import load_scene, scene_names
 from skinbus.sim.scene_file import scene_of
+from tests.files import faults_of, put
 from tests.sim.truth import truth_of
 
 
@@ -20,28 +20,15 @@ def test_scene_that_ships_loads_and_is_felt(name):
         assert truth_of(scene)(middle).max() > 1000.0
 
 
-def test_name_with_spaces_is_as_good_as_with_hyphens(tmp_path):
-    path = tmp_path / "a-b.toml"
-    path.write_text('[scene]\narm = "pad"\nduration_s = 1\n')
-    assert load_scene(path).name == "a-b"
-    with pytest.raises(ConfigError, match="one of arm, "):
-        load_scene("no such scene")
-
-
-def test_syntax_error_names_its_line(tmp_path):
-    path = tmp_path / "bad.toml"
-    path.write_text('[scene]\narm = "pad"\nduration_s = = 1\n')
-    with pytest.raises(ConfigError, match="line 3"):
-        load_scene(path)
-
-
 def test_constant_force_rises_and_falls_within_its_ramp(tmp_path):
-    path = tmp_path / "scene.toml"
-    path.write_text(
-        '[scene]\narm = "forearm"\nduration_s = 10\n[[touch]]\nlink = "forearm"\ns_mm = 51\nangle_deg = 190\n'
-        "force_n = 8\nstart_s = 1\nend_s = 2\nramp_s = 0.2\n"
+    touch = '[[touch]]\nlink = "forearm"\ns_mm = 51\nangle_deg = 190\nforce_n = 8\n'
+    scene = load_scene(
+        put(
+            tmp_path,
+            "scene.toml",
+            f'[scene]\narm = "forearm"\nduration_s = 10\n{touch}start_s = 1\nend_s = 2\nramp_s = 0.2\n',
+        )
     )
-    scene = load_scene(path)
     assert [scene.touches_at(t).force.tolist() for t in (0.9, 1.5, 2.0)] == [[], [8.0], []]
     assert scene.touches_at(1.1).force[0] == pytest.approx(4.0)
     radius = float(scene.arm.links[0].surface.radius)
@@ -118,12 +105,7 @@ x = 1
 
 
 def test_every_fault_of_a_bad_scene_is_reported_at_once(tmp_path):
-    path = tmp_path / "bad.toml"
-    path.write_text(BAD)
-    with pytest.raises(ConfigError) as caught:
-        load_scene(path)
-    message = str(caught.value)
-    print(message)
+    faults = faults_of(load_scene, put(tmp_path, "bad.toml", BAD))
     wanted = [
         "scene.duration_s: is -10; wanted greater than 0",
         "scene.sed: is 3; wanted no such key; did you mean 'seed'?",
@@ -148,9 +130,9 @@ def test_every_fault_of_a_bad_scene_is_reported_at_once(tmp_path):
         "effect.stuck.tactels: is 99; wanted node-IDs of arm forearm",
         "effects: wanted no such table; known are scene, layer, joint, touch, effect",
     ]
-    assert len(wanted) == len(caught.value.faults)
+    assert len(wanted) == len(faults)
     for fault in wanted:
-        assert fault in message
+        assert any(said.startswith(fault) for said in faults), fault
 
 
 @pytest.mark.parametrize(
@@ -162,6 +144,4 @@ def test_every_fault_of_a_bad_scene_is_reported_at_once(tmp_path):
 )
 def test_a_force_that_may_be_a_number_or_keys_is_one_fault_in_our_words(force, said):
     touch = {"link": "plate", "s_mm": 10.0, "a_mm": 0.0, "force_n": force}
-    with pytest.raises(ConfigError) as caught:
-        scene_of({"scene": {"arm": "pad", "duration_s": 1.0}, "touch": [touch]})
-    assert said in [str(fault) for fault in caught.value.faults]
+    assert said in faults_of(scene_of, {"scene": {"arm": "pad", "duration_s": 1.0}, "touch": [touch]})

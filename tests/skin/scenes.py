@@ -1,5 +1,7 @@
 """A scene of a second on the arm "pad": a touch that slides."""
 
+from tests.files import put
+
 SLIDE = """
 [scene]
 arm = "pad"
@@ -16,6 +18,4 @@ end_s = 0.7
 
 
 def write(folder):
-    path = folder / "slide.toml"
-    path.write_text(SLIDE)
-    return str(path)
+    return str(put(folder, "slide.toml", SLIDE))

@@ -9,12 +9,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 import skinbus
 from skinbus.errors import ArgumentError, LocalProtocolError
 from skinbus.estimate import TrackState
-from tests.robot.two_joints import ARM, write
+from tests.robot.two_joints import FROM_PYTHON, write
 from tests.skin.scenes import write as write_slide
 
-pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
+pytestmark = pytest.mark.slow
 
-FROM_PYTHON = ARM[: ARM.index("[[joint]]")]
+pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
 
 
 @pytest.fixture
@@ -42,7 +42,6 @@ def run(skin, angles, seconds):
     raise AssertionError("the scene is over")
 
 
-@pytest.mark.slow
 def test_a_contact_is_in_every_frame_where_the_moving_arm_has_it(scene):
     def angles(t):
         return [1.0 * t, 0.4 - 0.3 * t]
@@ -74,7 +73,6 @@ def test_a_contact_is_in_every_frame_where_the_moving_arm_has_it(scene):
         assert_allclose(contact.point_covariance("base"), flat, rtol=1e-4, atol=1e-12)
 
 
-@pytest.mark.slow
 def test_a_contact_that_is_not_seen_has_no_place_in_the_base(tmp_path):
     folder = write(tmp_path, FROM_PYTHON)
     scene = folder / "scene.toml"
@@ -88,7 +86,6 @@ def test_a_contact_that_is_not_seen_has_no_place_in_the_base(tmp_path):
         assert np.isfinite(contact.point("link")).all()
 
 
-@pytest.mark.slow
 def test_what_cannot_be_set_is_refused(scene, tmp_path):
     with skinbus.simulate(scene) as skin:
         for bad, why in (

@@ -12,6 +12,8 @@ from tests.cli.commands.on_bus import OwnBus
 from tests.cli.patience import PATIENCE_S
 from tests.skin.scenes import write
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def own_bus():
@@ -23,7 +25,6 @@ def world(tmp_path):
     return World(load_scene(write(tmp_path)), repeat=True)
 
 
-@pytest.mark.slow
 def test_contacts_come_and_leaving_stops_the_patches(own_bus, world):
     with own_bus.with_cores(world):
         with skinbus.open("pad", interface="virtual", channel=own_bus.channel) as skin:
@@ -39,7 +40,6 @@ def test_contacts_come_and_leaving_stops_the_patches(own_bus, world):
         heard.close()
 
 
-@pytest.mark.slow
 def test_two_masters_are_refused(own_bus, world):
     place = {"interface": "virtual", "channel": own_bus.channel}
     with own_bus.with_cores(world), skinbus.open("pad", **place) as skin:

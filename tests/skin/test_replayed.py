@@ -7,6 +7,7 @@ import pytest
 import skinbus
 from skinbus.can.candump import CandumpWriter
 from skinbus.errors import AddressError
+from tests.files import put
 from tests.master.rig import Rig
 from tests.skin.scenes import write
 
@@ -36,7 +37,6 @@ def test_the_contacts_of_a_recording_are_made_again(recorded):
 
 def test_an_interface_that_is_not_in_the_log_is_refused(recorded, tmp_path):
     lines = recorded[1].read_text().splitlines()
-    path = tmp_path / "two.log"
-    path.write_text("".join(f"{line}\n{line.replace('can0', 'can1')}\n" for line in lines))
+    both = [f"{line}\n{line.replace('can0', 'can1')}\n" for line in lines]
     with pytest.raises(AddressError, match=r"in Python\) which of them"):
-        skinbus.replay(path, "pad")
+        skinbus.replay(put(tmp_path, "two.log", "".join(both)), "pad")

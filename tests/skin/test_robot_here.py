@@ -11,7 +11,8 @@ from skinbus.config.system import load_arm
 from skinbus.errors import LocalProtocolError, ShareError
 from skinbus.skin.cycle import SkinLayout
 from skinbus.skin.shared_memory import SharedWriter
-from tests.robot.two_joints import ARM, write
+from tests.files import put
+from tests.robot.two_joints import ARM, FROM_PYTHON, write
 from tests.skin.scenes import write as write_slide
 
 pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
@@ -31,7 +32,6 @@ s_mm = 70
 angle_deg = 0
 yaw_deg = 0
 """
-FROM_PYTHON = ARM[: ARM.index("[[joint]]")]
 
 
 @pytest.mark.slow
@@ -67,7 +67,7 @@ def test_shared_memory_of_another_arm_or_without_an_arm_file_places_nothing(tmp_
         writer = SharedWriter(name, skin.latest().layout)
         with skinbus.attach(name) as attached, pytest.raises(LocalProtocolError, match="arm="):
             attached.joints = [0.0, 0.0]
-        (folder / "two.toml").write_text(ARM.replace('"plate"', '"lid"'))
+        put(folder, "two.toml", ARM.replace('"plate"', '"lid"'))
         (folder / "two.urdf").write_text((folder / "two.urdf").read_text().replace('"plate"', '"lid"'))
         with pytest.raises(ShareError, match="another arm"):
             skinbus.attach(name, arm=folder / "two.toml")

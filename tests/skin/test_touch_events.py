@@ -7,6 +7,7 @@ import pytest
 import skinbus
 from skinbus.estimate import TrackState
 from skinbus.skin.skin import TouchEvents
+from tests.marks import slow
 from tests.skin.scenes import write
 from tests.skin.scripted import scripted
 
@@ -57,7 +58,7 @@ def test_what_has_lifted_has_no_force():
     [
         ("from_s = 0.6", ["touch", "lost"]),  # pressed when its board stops, and for half a second more
         ("from_s = 0.9\nto_s = 1.0", ["touch", "lift"]),  # the board is back before the contact has ended
-        pytest.param("from_s = 1.3", ["touch", "lift"], marks=pytest.mark.slow),  # released before
+        *slow(("from_s = 1.3", ["touch", "lift"])),  # released before
     ],
 )
 def test_a_contact_whose_board_stopped_answering_is_lost_not_lifted(tmp_path, silence, kinds):

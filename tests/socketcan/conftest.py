@@ -60,8 +60,8 @@ def start():
     """Start a command of ours; none outlives the test."""
     processes = []
 
-    def start(*words, under=()):
-        command = [*under, sys.executable, "-m", "skinbus", *words]
+    def start(*words):
+        command = [sys.executable, "-m", "skinbus", *words]
         processes.append(
             subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         )

@@ -2,6 +2,8 @@
 
 import math
 
+from tests.files import put
+
 ARM = """
 [arm]
 name = "many"
@@ -23,8 +25,7 @@ def many_patches(folder, rate_hz=10.0):
     """126 patches on one tube, and a scene with four presses."""
     text = ARM.format(rate_hz=rate_hz, radius=14 * 51.5 / (2 * math.pi))
     text += "".join(RING.format(s=26 + 52 * ring, count=14, first=1 + 14 * ring) for ring in range(9))
-    (folder / "many.toml").write_text(text)
+    put(folder, "many.toml", text)
     scene = SCENE.format(arm=folder / "many.toml")
     scene += "".join(TOUCH.format(link="tube", s=s) for s in (30, 130, 230, 330))
-    (folder / "scene.toml").write_text(scene)
-    return str(folder / "many.toml"), str(folder / "scene.toml")
+    return str(folder / "many.toml"), str(put(folder, "scene.toml", scene))

@@ -11,6 +11,7 @@ from skinbus.config.system import ods_of
 from skinbus.master import Master
 from skinbus.objects.contacts import ContactState
 from skinbus.sim import World, load_scene
+from tests.files import put
 
 PRESS = """
 [scene]
@@ -42,9 +43,7 @@ class Skin:
     """A master and its patches on interfaces of this kernel; used with ``with``."""
 
     def __init__(self, tmp_path, *channels, sim_channel=None, arm="pad"):
-        scene_file = tmp_path / "press.toml"
-        scene_file.write_text(PRESS.format(arm=arm, link="plate"))
-        scene = load_scene(scene_file)
+        scene = load_scene(put(tmp_path, "press.toml", PRESS.format(arm=arm, link="plate")))
         self.channel = channels[0]
         self.events = []
         self.reports = []
@@ -87,6 +86,14 @@ class Skin:
             assert not self.errors, self.errors
             time.sleep(0.005)
         return time.monotonic() - begin_s
+
+    def wait_for_event(self, kind, n=1):
+        """Wait until the master's side has told of a kind of event so often."""
+        self.wait_for(lambda: self.kinds().count(kind) >= n, kind.name)
+
+    def wait_for_zero(self, index, sub):
+        """Wait until an object of the master is 0."""
+        self.wait_for(lambda: not self.master.device.get(index, sub), f"0x{index:X}:{sub:02X} to be 0")
 
     def pressed(self, since_s):
         """Whether a cycle that began after this time (monotonic, s) found the press."""

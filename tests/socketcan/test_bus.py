@@ -12,6 +12,7 @@ from skinbus.bus.socketcan_batch import to_frames
 from skinbus.can.event import EventKind
 from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, Frame
 from skinbus.errors import BusError
+from tests.cli.patience import wait_until
 from tests.socketcan.can_rig import ip
 from tests.socketcan.frames import EVERY_KIND
 from tests.socketcan.skin_rig import PATIENCE_S
@@ -23,12 +24,10 @@ def without_time(frames):
     return [frame._replace(t_ns=0) for frame in frames]
 
 
-def receive_all(bus, n, timeout_s=PATIENCE_S):
+def receive_all(bus, n):
     """Receive n control frames."""
     frames = []
-    end = time.monotonic() + timeout_s
-    while len(frames) < n and time.monotonic() < end:
-        frames += bus.receive(0.1)
+    wait_until(lambda: frames.extend(bus.receive(0.1)) or len(frames) >= n)
     return frames
 
 

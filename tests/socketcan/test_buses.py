@@ -1,6 +1,7 @@
 """One master on two interfaces of a real kernel; one that goes and comes leaves the other alone."""
 
 from skinbus.can.event import EventKind
+from tests.files import put
 from tests.socketcan.can_rig import set_up
 from tests.socketcan.skin_rig import Skin
 from tests.two_buses import two_buses
@@ -10,11 +11,10 @@ TWO = two_buses(("left", 1, 28.0), ("right", 1, 80.0))
 
 def test_interface_that_goes_and_comes_leaves_the_other_bus_alone(make_channel, tmp_path):
     left, right = make_channel(), make_channel()
-    (tmp_path / "two.toml").write_text(TWO)
-    with Skin(tmp_path, left, right, arm=tmp_path / "two.toml") as skin:
+    with Skin(tmp_path, left, right, arm=put(tmp_path, "two.toml", TWO)) as skin:
         skin.wait_for(lambda: skin.reports[-1].n_fresh == 2, "both boards")
         set_up(right, False)
-        skin.wait_for(lambda: EventKind.BUS_LOST in skin.kinds(), "the loss")
+        skin.wait_for_event(EventKind.BUS_LOST)
         alone = []
 
         def many_cycles():

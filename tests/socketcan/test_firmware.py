@@ -2,9 +2,7 @@
 
 import subprocess
 
-from click.testing import CliRunner
-
-from skinbus.cli.commands.board import command
+from tests.cli.invoke import run
 from tests.cli.patience import PATIENCE_S, until_in_time
 
 NODE = "5"
@@ -13,7 +11,7 @@ OPTIONS = ("--store", "--syncs", "50", "--response-ms", "15")
 
 
 def test_board_made_from_an_eds_passes_the_check(start, channel, tmp_path):
-    CliRunner().invoke(command, ["firmware", "skin-patch", "--out", str(tmp_path)])
+    run("board", "firmware", "skin-patch", "--out", tmp_path)
     subprocess.run(["make", "-s", "-C", tmp_path, "socketcan"], check=True)
     board = tmp_path / "board-socketcan"
 

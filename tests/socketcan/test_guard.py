@@ -6,6 +6,7 @@ import pytest
 
 from skinbus.config.arm_file import find_arm
 from tests.cli.patience import PATIENCE_S, until_in_time
+from tests.files import put
 from tests.socketcan.can_rig import EDS
 from tests.socketcan.skin_rig import PRESS
 
@@ -33,7 +34,7 @@ def test_a_press_a_dead_master_and_its_own_end_run_the_command(start, make_chann
     board, text = (EDS / "skin-patch.eds").read_text(), find_arm("pad").read_text()
     before, section, after = board.partition("[2080sub4]")
     slow = after.replace("DefaultValue=1000\n", "DefaultValue=300000\n", 1)
-    (tmp_path / "slow.eds").write_text(before + section + slow)
+    put(tmp_path, "slow.eds", before + section + slow)
     arm.write_text(text.replace("100.0", "10.0").replace('"skin-patch"', '"slow.eds"') + GUARD)
     begin_s = 10.0 if fault == "press" else 90_000.0
     text = PRESS.format(arm=arm, link="plate").replace("start_s = 0.0", f"start_s = {begin_s}")

@@ -8,10 +8,11 @@ from skinbus.cli.console import Console
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.view.screen import Screen
 from skinbus.view.unrolled import LOST
+from tests.marks import slow
 from tests.master.rig import Rig
 
 
-@pytest.mark.parametrize("scene", ["pad", pytest.param("arm", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("scene", ["pad", *slow("arm")])
 def test_screen_fits_the_terminal(scene):
     rig = Rig(scene)
     (lost,) = rig.scene.arm.node_id[-1:].tolist()

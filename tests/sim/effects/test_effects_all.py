@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tomllib
 
 import numpy as np
 import pytest
@@ -9,53 +10,53 @@ import pytest
 from skinbus.sim.effect import ORDER, Stage
 from skinbus.sim.effects import effect_class
 
-ZERO = {
-    "sync_jitter": {"sigma_us": 0.0},
-    "misplaced": {"sigma_mm": 0.0, "sigma_deg": 0.0},
-    "bend": {"kpa_per_mm": 0.0},
-    "viscoelastic": {"relaxation": 0.0},
-    "hysteresis": {"loop": 0.0},
-    "gain_spread": {"sigma": 0.0},
-    "piezoresistive": {"load_ratio": 0.0, "linearity": 0.0},
-    "response": {"gain": 0.0, "width": 0.0, "ellipse": 1.0, "offset_pa": 0.0, "residual": 0.0},
-    "shear": {"friction": 0.0},
-    "thermal": {"start_c": 0.0, "end_c": 0.0, "board_sigma_c": 0.0},
-    "burst": {"per_minute": 0.0},
-    "drift": {"per_decade": 0.0},
-    "dead": {"share": 0.0},
-    "crosstalk": {"row": 0.0, "column": 0.0},
-    "offset": {"sigma_pa": 0.0},
-    "noise": {"sigma_pa": 0.0},
-    "saturation": {"limit_kpa": 1e6},
-    "adc": {"bits": 16},
-    "stuck": {"share": 0.0},
-    "clock_drift": {"sigma_ppm": 0.0},
-    "patch_reset": {"per_hour": 0.0},
-    "patch_silent": {"nodes": ()},
-    "bus_off": {"nodes": ()},
-    "response_jitter": {"sigma_us": 0.0},
-    "babbling_node": {"rate_hz": 0.0},
-    "corrupt": {"probability": 0.0},
-    "delay": {"constant_us": 0.0, "mean_us": 0.0},
-    "loss": {"probability": 0.0},
-}
+ZERO = tomllib.loads("""
+sync_jitter = { sigma_us = 0.0 }
+misplaced = { sigma_mm = 0.0, sigma_deg = 0.0 }
+bend = { kpa_per_mm = 0.0 }
+viscoelastic = { relaxation = 0.0 }
+hysteresis = { loop = 0.0 }
+gain_spread = { sigma = 0.0 }
+piezoresistive = { load_ratio = 0.0, linearity = 0.0 }
+response = { gain = 0.0, width = 0.0, ellipse = 1.0, offset_pa = 0.0, residual = 0.0 }
+shear = { friction = 0.0 }
+thermal = { start_c = 0.0, end_c = 0.0, board_sigma_c = 0.0 }
+burst = { per_minute = 0.0 }
+drift = { per_decade = 0.0 }
+dead = { share = 0.0 }
+crosstalk = { row = 0.0, column = 0.0 }
+offset = { sigma_pa = 0.0 }
+noise = { sigma_pa = 0.0 }
+saturation = { limit_kpa = 1e6 }
+adc = { bits = 16 }
+stuck = { share = 0.0 }
+clock_drift = { sigma_ppm = 0.0 }
+patch_reset = { per_hour = 0.0 }
+patch_silent = { nodes = [] }
+bus_off = { nodes = [] }
+response_jitter = { sigma_us = 0.0 }
+babbling_node = { rate_hz = 0.0 }
+corrupt = { probability = 0.0 }
+delay = { constant_us = 0.0, mean_us = 0.0 }
+loss = { probability = 0.0 }
+""")
 """Zero strength."""
 
-STRONG = {
-    "sync_jitter": {"sigma_us": 2000.0},
-    "drift": {"first_s": 0.01},
-    "dead": {"share": 0.3},
-    "stuck": {"share": 0.3},
-    "saturation": {"limit_kpa": 5.0},
-    "thermal": {"tau_s": 0.1},
-    "burst": {"per_minute": 1000.0},
-    "clock_drift": {"sigma_ppm": 50_000.0},
-    "patch_reset": {"resets": ((1, 0.1),)},
-    "patch_silent": {"nodes": (1,), "from_s": 0.06, "to_s": 0.1},
-    "bus_off": {"nodes": (1,), "at_s": 0.06, "recovery_s": 0.05},
-    "corrupt": {"probability": 0.3},
-    "loss": {"probability": 0.3},
-}
+STRONG = tomllib.loads("""
+sync_jitter = { sigma_us = 2000.0 }
+drift = { first_s = 0.01 }
+dead = { share = 0.3 }
+stuck = { share = 0.3 }
+saturation = { limit_kpa = 5.0 }
+thermal = { tau_s = 0.1 }
+burst = { per_minute = 1000.0 }
+clock_drift = { sigma_ppm = 50000.0 }
+patch_reset = { resets = [[1, 0.1]] }
+patch_silent = { nodes = [1], from_s = 0.06, to_s = 0.1 }
+bus_off = { nodes = [1], at_s = 0.06, recovery_s = 0.05 }
+corrupt = { probability = 0.3 }
+loss = { probability = 0.3 }
+""")
 """Parameters that show within a fifth of a second, where the defaults would not."""
 
 N = 20

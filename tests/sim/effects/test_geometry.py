@@ -103,7 +103,6 @@ def test_width_and_ellipse_keep_the_force_that_a_tactel_sees():
 @pytest.mark.slow
 def test_residual_has_its_profile_over_distance():
     rng = np.random.default_rng(3)
-    print("seed 3")
     places = np.column_stack([rng.uniform(0.0, 0.06, 4000), rng.uniform(-0.03, 0.03, 4000)])
     plain = readings(Response(**QUIET), places)
     with_it = readings(Response(**{**QUIET, "residual": 0.009}), places)

@@ -158,7 +158,6 @@ def test_tactels_that_the_arm_does_not_have_are_faults(forearm):
 
 def test_it_is_the_matrix_it_says(apply, forearm):
     rng = np.random.default_rng(5)
-    print("seed 5")
     p = 1e4 * rng.random(forearm.n_tactels)
     rows, columns = lines_of(forearm)
     others = ~np.eye(forearm.n_tactels, dtype=bool)

@@ -10,6 +10,7 @@ from skinbus.skin.simulated import simulate
 from skinbus.view.web import colours
 from skinbus.view.web.follower import Follower
 from tests.cli.patience import wait_until
+from tests.files import put
 from tests.view.web import cycles
 from tests.view.web.browser import CHROMIUM, chromium, on_screen
 from tests.view.web.shown import Fixed, Shown
@@ -53,10 +54,8 @@ def shown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("view")
     arm = (ROOT / "skinbus" / "config" / "arms" / "forearm.toml").read_text()
     assert "rate_hz = 50.0" in arm
-    (folder / "slow.toml").write_text(arm.replace("rate_hz = 50.0", "rate_hz = 10.0"))
-    path = folder / "scene.toml"
-    path.write_text(SCENE)
-    scene = load_scene(str(path))
+    put(folder, "slow.toml", arm.replace("rate_hz = 50.0", "rate_hz = 10.0"))
+    scene = load_scene(str(put(folder, "scene.toml", SCENE)))
     shown = Shown(Follower(lambda: simulate(scene, realtime=True, zero=True)), scene.arm)
     yield shown
     shown.close()

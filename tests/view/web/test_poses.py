@@ -5,7 +5,7 @@ import pytest
 
 from skinbus.config.system import load_arm
 from skinbus.view.web.poses import Poses, placed
-from tests.robot.two_joints import ARM, write
+from tests.robot.two_joints import FROM_PYTHON, write
 
 
 def test_links_without_a_robot_stand_in_a_row_and_do_not_overlap():
@@ -22,7 +22,7 @@ def test_links_without_a_robot_stand_in_a_row_and_do_not_overlap():
 
 def test_links_follow_the_joints_where_these_are_known(tmp_path):
     pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
-    poses = Poses(load_arm(write(tmp_path, ARM[: ARM.index("[[joint]]")]) / "arm.toml"))
+    poses = Poses(load_arm(write(tmp_path, FROM_PYTHON) / "arm.toml"))
     assert poses.note == "positions are not known of first, second: drawn at 0"
     assert not poses.move(np.array([np.nan, 0.0]))
     before = poses.X_BS

@@ -9,7 +9,8 @@ from skinbus.model import Surface
 from skinbus.view.web.page import Server
 from skinbus.view.web.poses import Poses
 from skinbus.view.web.scene import UNDER, SceneNodes, board_meshes, link_mesh, quaternions
-from tests.robot.two_joints import ARM, URDF, write
+from tests.files import put
+from tests.robot.two_joints import FROM_PYTHON, URDF, write
 
 trimesh = pytest.importorskip("trimesh", reason="extra skinbus[mesh]")
 
@@ -62,15 +63,15 @@ SHAPE = '<link name="plate"><visual><geometry><mesh filename="package://none/pla
 
 def test_robot_without_its_shapes_is_drawn_as_lines_and_that_is_said(tmp_path):
     pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
-    arm = load_arm(write(tmp_path, ARM[: ARM.index("[[joint]]")]) / "arm.toml")
-    (tmp_path / "two.urdf").write_text(URDF.replace('<link name="plate"/>', SHAPE))
+    arm = load_arm(write(tmp_path, FROM_PYTHON) / "arm.toml")
+    put(tmp_path, "two.urdf", URDF.replace('<link name="plate"/>', SHAPE))
     poses, server = Poses(arm), Server("127.0.0.1", 0)
     try:
         scene = SceneNodes(server, arm, poses)
         assert scene.note == "1 of 1 shapes of the URDF are not found: the robot is drawn as lines there"
         poses.move(np.array([1.5, -1.0]))
         scene.move()
-        (tmp_path / "two.urdf").write_text("<robot")
+        put(tmp_path, "two.urdf", "<robot")
         assert SceneNodes(server, arm, poses).note == "the robot is drawn as lines: KeyError: 'name'"
     finally:
         server.stop()
