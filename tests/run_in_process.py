@@ -17,5 +17,4 @@ def run_in_process(function, *args):
 
 def run_code(code):
     """Return what code prints in a fresh process, without the last line end."""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return done.stdout.rstrip()
+    return subprocess.check_output([sys.executable, "-c", code], text=True).rstrip()

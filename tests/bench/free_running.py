@@ -94,7 +94,6 @@ def play(folder, seconds, starts_s=()):
     n, cpu_ns = sum(wire.n_frames for wire in wires.wires), timed.spent_ns
     wires.run(4_000_000_000 + round(1e9 * seconds))
     idle = (sum(w.n_frames for w in wires.wires) - n) / seconds, 1e-9 * (timed.spent_ns - cpu_ns) / seconds
-    print(*idle, flush=True)
     latencies = []
     threshold, truth = scene.arm.patches[0].patch.threshold, truth_of(scene)
     for start in starts_s:

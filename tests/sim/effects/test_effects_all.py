@@ -1,7 +1,5 @@
 """The laws that hold for every effect: identity at zero, seeds, independence, lazy import, any pair."""
 
-import subprocess
-import sys
 import tomllib
 
 import numpy as np
@@ -9,6 +7,7 @@ import pytest
 
 from skinbus.sim.effect import ORDER, Stage
 from skinbus.sim.effects import effect_class
+from tests.run_in_process import run_code
 
 ZERO = tomllib.loads("""
 sync_jitter = { sigma_us = 0.0 }
@@ -150,8 +149,7 @@ head = {"arm": "pad", "duration_s": 1.0}
 run(scene_of({"scene": head, "effect": {"noise": {}, "adc": {"bits": 10}}}))
 assert loaded() == ["readings"], loaded()
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    run_code(code)
 
 
 def test_order_of_naming_says_nothing_and_all_together_send_can_frames(simulate):
