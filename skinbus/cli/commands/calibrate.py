@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -18,8 +18,7 @@ from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.system import load_arm
-from skinbus.estimate.calibration import Calibration, Judgement, judge
-from skinbus.estimate.calibration.gate import GOOD, MAX_ERROR_M, SAME
+from skinbus.estimate.calibration.gate import MAX_ERROR_M, Judgement, judge
 from skinbus.estimate.calibration.table import kind_of, tables_of
 from skinbus.formatting import counted, span
 from skinbus.model import Arm, PlacedPatch
@@ -29,6 +28,8 @@ from skinbus.objects.eds import load_eds
 
 Ints = npt.NDArray[np.intp]
 
+GOOD = 0.03
+"""Error to expect that is called good, of the pitch: what boards of rubber reach with a hundred presses."""
 WORTH = 1.2
 """Ratio of the errors of places from which a law without newtons is worth more than one with them."""
 MANY = 10
@@ -137,7 +138,7 @@ def report(judged: Judgement, lines: Ints) -> Iterator[str]:
         )
     if judged.faults:
         yield "\n  ".join(["refused:", *judged.faults])
-    elif before * (SAME if is_known else 1.0 / WORTH) < place:
+    elif before < place * (1.0 if is_known else WORTH):
         units = "" if is_known else " and not in newtons"
         yield (
             f"keep the law that the boards have: at these presses it errs by {1e3 * before:.2f} mm, this one "
@@ -153,8 +154,8 @@ def report(judged: Judgement, lines: Ints) -> Iterator[str]:
             yield BETTER
 
 
-def boards_of(whole: Arm, judgement: Judgement, all_of_kind: bool) -> Iterator[tuple[int, Calibration]]:
-    """Return the boards pressed, if wanted the others of their kind, and what each is to hold."""
+def boards_of(whole: Arm, judgement: Judgement, all_of_kind: bool) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Return the boards pressed, if wanted the others of their kind, and the response of each."""
     part, learned = judgement.table.arm, judgement.calibration
     assert learned is not None
     pressed = {
@@ -164,16 +165,12 @@ def boards_of(whole: Arm, judgement: Judgement, all_of_kind: bool) -> Iterator[t
     yield from pressed.items()
     for p in range(whole.n_patches if all_of_kind else 0):
         if p not in pressed and kind_of(whole, p) == kind_of(part, 0):
-            n = whole.patches[p].patch.n_tactels
-            same = replace(
-                learned,
-                gain=np.array(whole.tactel_gain[whole.tactels_of(p)]),
-                width=np.ones(n),
-                bias=np.zeros(n),
-                noise=np.full(n, np.median(learned.noise)),
-                residual_map=None,
+            gain = np.array(whole.tactel_gain[whole.tactels_of(p)])
+            ones, noise = np.ones_like(gain), np.median(learned.noise)
+            yield (
+                p,
+                {"law": learned.law, "gain": gain, "width": ones, "bias": 0.0 * ones, "noise": noise * ones},
             )
-            yield p, same
 
 
 def file_of(out: Path, whole: Arm, p: int) -> Path:
@@ -181,12 +178,9 @@ def file_of(out: Path, whole: Arm, p: int) -> Path:
     return out.with_stem(f"{out.stem}-{whole.node_label(p)}".replace(" ", "-"))
 
 
-def write(placed: PlacedPatch, own: Calibration, file: Path) -> None:
+def write(placed: PlacedPatch, response: dict[str, Any], file: Path) -> None:
     """Write the DCF of a board."""
-    od, learned = load_eds(placed.eds, placed.node_id), own.residual_map
+    od, learned = load_eds(placed.eds, placed.node_id), response.get("residual_map")
     if learned is not None and not np.allclose(describe_patch(od).tactels_uv, placed.patch.tactels_uv):
-        learned = learned.mirrored()  # the file is that of the board, whichever way it is mounted
-    values = calibration_values(
-        od, law=own.law, gain=own.gain, noise=own.noise, width=own.width, bias=own.bias, residual_map=learned
-    )
-    write_dcf(placed.eds, file, values, node_id=placed.node_id)
+        response["residual_map"] = learned.mirrored()  # the file is of the board, whichever way it is mounted
+    write_dcf(placed.eds, file, calibration_values(od, **response), node_id=placed.node_id)

@@ -19,42 +19,27 @@ from skinbus.estimate.calibration.location import PLACE_SD, fit_pose
 from skinbus.estimate.calibration.table import Ints, PressTable
 from skinbus.estimate.calibration.validation import HeldOutErrors, cross_validate, errors_of, learn
 
-MAX_OUTLIERS = 0.15
-"""Part of the presses that may be left out: a tenth is usual for presses by hand, and some go with them."""
-OFF, OFF_M = 6.0, 1e-3
+SPARED = 0.15
+"""Part of the presses that may be left out (a tenth is usual for presses by hand, and some go with them), and
+of the tactels of a board that may have no press near: their gains stay as they are, and are named."""
+OFF = 6.0
 """A press is an outlier when it is estimated so many times the usual error from its place, and what the
-estimator says of its own, and so far (m)."""
-FAR_FORCE = math.log(2.5)
-"""Logarithm of the factor by which the force of a press may differ from that of its readings: one of ten
-times the force would bend the law before it stands out."""
+estimator says of its own, and farther than ``MAX_ERROR_M``; or so many times the usual error from its force,
+and by more than a factor of e: one of ten times the force would bend the law before it stands out."""
 MAX_ERROR_M, MAX_ERROR = 1e-3, 0.1
 """Errors to expect that are refused: m, and of the pitch; the larger of the two. Boards of few tactels and
 coarse readings have no better places, however they are pressed."""
-SAME = 1.03
-"""Errors to expect, as a ratio, up to which they are the same."""
-GOOD = 0.03
-"""Error to expect that is called good, of the pitch: what boards of rubber reach with a hundred presses."""
-
-SUSPECT_M, BETTER, ABOUT_AS_WELL = 0.5e-3, 0.6, 1.25
-"""m, between places and readings from which other hypotheses are looked at. They explain it when they leave
-at most that part of it; the first wins among those that leave no more than that ratio of the least."""
-FEWEST_COMPARED = 8
-"""Presses below which medians compare nothing."""
-FEWEST, FEWEST_EACH = 30, 10
-"""Presses of a kind of board, and of each board: fewer leave the law, or gains, to chance."""
-NEAR = 1.25
-"""Pitches within which a tactel needs a press, or its gain is not known."""
-MOST_BARE = 0.15
-"""Part of the tactels of a board that may have none; their gains stay as they are, and are named."""
-AWAY, FEWEST_AWAY, MOST_AWAY = 0.02, 3, 0.02
-"""m, from which rubber leaves less than 1 % of a press; presses from which the median of what a tactel reads
-so far away is known; and the part of a strong press that this may be: 3 to 5 % move places by
-a millimetre."""
-FACTOR = math.sqrt(10.0)
-"""By which pressures and forces may disagree: between it and its inverse lies one decade."""
 MAX_FORCE_ERROR = 0.3
 """Relative error of force, 68 % of the presses, beyond which forces belong to other presses."""
-
+SUSPECT_M, BETTER = 0.5e-3, 0.6
+"""m, between places and readings from which other hypotheses are looked at. One is better than those before
+it when it leaves at most that part of what they leave."""
+FEWEST, FEWEST_EACH = 30, 10
+"""Presses of a kind of board, and of each board, or away from a tactel: fewer leave the law, gains or zeros
+to chance."""
+AWAY, MOST_AWAY = 0.02, 0.02
+"""m, from which rubber leaves less than 1 % of a press, and the part of a strong press that tactels may read
+so far away: 3 to 5 % move places by a millimetre."""
 COLUMNS = {
     "s and a swapped": ((0.0, 1.0), (1.0, 0.0)),
     "the sign of a changed": ((1.0, 0.0), (0.0, -1.0)),
@@ -82,7 +67,7 @@ class Judgement:
     calibration  what was learned, without the outliers; None where nothing could be
     faults       why it must not be used, sentences
     notes        what is worth to know otherwise
-    outliers     (n,) rows that were left out
+    kept         (n,) False for presses that were left out
     errors       estimates of presses that the calibration was not made from; None where faults precede it
     shipped      the same by the response that the boards had
     """
@@ -91,16 +76,14 @@ class Judgement:
     calibration: Calibration | None
     faults: list[str]
     notes: list[str]
-    outliers: Ints
+    kept: Bools
     errors: HeldOutErrors | None = None
     shipped: HeldOutErrors | None = None
 
     @property
-    def kept(self) -> Bools:
-        """(n,) False for outliers."""
-        kept = np.ones(len(self.table), np.bool_)
-        kept[self.outliers] = False
-        return kept
+    def outliers(self) -> Ints:
+        """Rows that were left out."""
+        return np.flatnonzero(~self.kept)
 
     @property
     def place_error(self) -> float:
@@ -116,28 +99,27 @@ class Judgement:
 
 def judge(table: PressTable) -> Judgement:
     """Return what can be learned from presses, how good it will be, and why it must not be used if so."""
-    n, shipped = len(table), errors_of(table, table.arm)
+    shipped = errors_of(table, table.arm)
     missing, notes = spread_faults(table)
     faults = [*_misplaced(table, shipped)] or [*_zero_faults(table), *missing]
-    out, learned, errors = _astray(table, shipped), None, None
-    more = ~out
-    while more.any() and not (errors and out.sum() > MAX_OUTLIERS * n):
-        # what was learned with outliers hides some
+    kept, learned, errors = ~_astray(table, shipped), None, None
+    more = kept
+    # what was learned with outliers hides some
+    while more.any() and not (errors and kept.mean() < 1.0 - SPARED):
         try:
-            learned = learn(table.only(~out))
+            learned = learn(table.only(kept))
         except ValueError as error:
             learned, faults = None, faults or [f"nothing can be learned: {error}"]
             break
-        out[np.flatnonzero(~out)[learned.outliers]] = True
+        kept[np.flatnonzero(kept)[learned.outliers]] = False
         if faults:
             break
-        errors = cross_validate(table, ~out)
+        errors = cross_validate(table, kept)
         more = _astray(table, errors)
-        out |= more
-    outliers = np.flatnonzero(out)
+        kept &= ~more
     if errors is not None:
-        if len(outliers) > MAX_OUTLIERS * n:
-            faults.append(f"{len(outliers)} of {n} presses do not go with the others")
+        if kept.mean() < 1.0 - SPARED:
+            faults.append(f"{(~kept).sum()} of {len(table)} presses do not go with the others")
         place, limit = errors.place(), max(MAX_ERROR_M, MAX_ERROR * table.pitch)
         faults += _force_faults(table, shipped, errors)
         if not place <= limit:
@@ -149,7 +131,7 @@ def judge(table: PressTable) -> Judgement:
         calibration=learned,
         faults=faults,
         notes=notes,
-        outliers=outliers,
+        kept=kept,
         errors=errors,
         shipped=shipped,
     )
@@ -165,7 +147,7 @@ def _misplaced(table: PressTable, shipped: HeldOutErrors) -> Iterator[str]:
     read = uv + shipped.uv
     for p in range(table.arm.n_patches):
         rows = np.flatnonzero(np.isfinite(shipped.sd) & (table.patch == p))
-        if len(rows) < FEWEST_COMPARED:
+        if len(rows) < FEWEST_EACH:
             continue
         tried = {"as said": uv[rows]} | {name: at[rows] for name, at in columns.items()}
         at, there = (x[rows] @ np.array([1.0, 1j]) for x in (uv, read))
@@ -176,14 +158,14 @@ def _misplaced(table: PressTable, shipped: HeldOutErrors) -> Iterator[str]:
                 f"{name} moved by {1e3 * x:.1f}, {1e3 * y:.1f} mm in u, v and turned by "
                 f"{math.degrees(turn):.0f} deg (`skinbus calibrate locate` finds boards)"
             ] = np.stack([fits.real, fits.imag], -1)
-        left = {name: float(np.median(np.hypot(*(at - read[rows]).T))) for name, at in tried.items()}
-        before = left.pop("as said")
-        least = min(left.values())
-        if before > SUSPECT_M and least <= BETTER * before:
-            best = next(name for name in left if left[name] <= ABOUT_AS_WELL * least)
+        left = {name: 1e3 * float(np.median(np.hypot(*(at - read[rows]).T))) for name, at in tried.items()}
+        best = "as said"
+        for name in left:
+            best = name if left[name] <= BETTER * left[best] else best
+        if best != "as said" and left["as said"] > 1e3 * SUSPECT_M:
             yield (
                 f"the places on node {table.arm.node_label(p)} do not go with the readings; with {best} they "
-                f"do: {1e3 * left[best]:.1f} mm between them in place of {1e3 * before:.1f} mm"
+                f"do: {left[best]:.1f} mm between them in place of {left['as said']:.1f} mm"
             )
 
 
@@ -202,11 +184,11 @@ def _astray(table: PressTable, errors: HeldOutErrors) -> Bools:
     found, off = errors.found, np.hypot(*errors.uv.T)
     if not found.any():
         return found
-    out = found & (off > np.maximum(OFF * np.hypot(np.median(off[found]), errors.sd), OFF_M))
+    out = found & (off > np.maximum(OFF * np.hypot(np.median(off[found]), errors.sd), MAX_ERROR_M))
     if table.force is not None:
         ratio = np.log(errors.force / table.force)
         differs = np.abs(ratio - np.median(ratio[found]))
-        out |= found & (differs > max(FAR_FORCE, OFF * float(np.median(differs[found]))))
+        out |= found & (differs > max(1.0, OFF * float(np.median(differs[found]))))
     return np.asarray(out)
 
 
@@ -217,7 +199,7 @@ def spread_faults(table: PressTable) -> tuple[list[str], list[str]]:
     arm = table.arm
     if len(table) < FEWEST:
         faults.append(f"too few presses: {len(table)}; {FEWEST} are the least, a hundred are plenty")
-    near = (table.away() < NEAR * table.pitch) & np.isfinite(table.pressures)
+    near = (table.away() < table.pitch) & np.isfinite(table.pressures)
     for p in range(arm.n_patches):
         own, node = near[table.patch == p, arm.tactels_of(p)], f"node {arm.node_label(p)}"
         healthy, n_on = arm.tactel_healthy[arm.tactels_of(p)], int(own.any(axis=1).sum())
@@ -226,8 +208,8 @@ def spread_faults(table: PressTable) -> tuple[list[str], list[str]]:
             faults.append(f"too few presses on {node}: {n_on}; {FEWEST_EACH} are the least")
         elif bare.any():
             some = ", ".join(map(str, (np.flatnonzero(bare) + 1).tolist()))
-            (notes if bare.sum() <= MOST_BARE * healthy.sum() else faults).append(
-                f"no reading of tactel {some} of {node} of a press within {1e3 * NEAR * table.pitch:.0f} mm: "
+            (notes if bare.sum() <= SPARED * healthy.sum() else faults).append(
+                f"no reading of tactel {some} of {node} of a press within {1e3 * table.pitch:.0f} mm: "
                 "gains there are not known, and stay as they are; dead tactels are taken out by their bits "
                 "in 0x2040 (healthy tactels) of the EDS"
             )
@@ -239,7 +221,7 @@ def _zero_faults(table: PressTable) -> Iterator[str]:
     away = np.where(table.away() > AWAY, table.pressures, np.nan)
     for p in np.unique(table.patch).tolist():
         own, far = (x[table.patch == p, table.arm.tactels_of(p)] for x in (table.pressures, away))
-        known = np.isfinite(far).sum(axis=0) >= FEWEST_AWAY
+        known = np.isfinite(far).sum(axis=0) >= FEWEST_EACH
         off = float(np.sqrt(np.mean(np.nanmedian(far[:, known], axis=0) ** 2))) if known.any() else 0.0
         strong = float(np.nanquantile(np.nanmax(own, axis=1, initial=0.0), 0.75))
         if off > MOST_AWAY * strong > 0.0:
@@ -265,12 +247,12 @@ def _force_faults(table: PressTable, shipped: HeldOutErrors, errors: HeldOutErro
         [float(np.median((x / table.force)[rows])) for x in (load, shipped.force)] if rows.any() else [1.0]
     )
     off = min(ratios, key=lambda ratio: abs(math.log(ratio)))
-    if not 1.0 / FACTOR <= off <= FACTOR:
+    if decade := round(math.log10(off)):
         near = [name for name, factor in FORCES.items() if abs(math.log(off / factor)) < math.log(2.0)]
         unit = f", as by {' or by '.join(near)}" if near else ""
         yield (
             f"the pressures under a press add up to {off:.3g} times its force: forces or pressures are off "
-            f"by a factor near 10^{round(math.log10(off))}{unit}. Only the ratio of force_n and full scale "
+            f"by a factor near 10^{decade}{unit}. Only the ratio of force_n and full scale "
             "in the EDS is seen here, and only within a factor of three"
         )
     error = errors.relative_force(table.force)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,7 +56,7 @@ class PressTable:
 
     def only(self, rows: Bools | Ints) -> PressTable:
         """Return some of the rows."""
-        columns = {name: getattr(self, name) for name in ("patch", "s", "a", "force", "pressures", "noise")}
+        columns = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "arm"}
         return replace(self, **{name: column[rows] for name, column in columns.items() if column is not None})
 
     @property

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skinbus.arrays import Bools, Floats
-from skinbus.estimate.calibration.learning import Calibration, learn_radial_law
+from skinbus.estimate.calibration.learning import STEP, Calibration, learn_radial_law
 from skinbus.estimate.calibration.location import PLACE_SD, strongest
 from skinbus.estimate.calibration.table import Ints, PressTable
 from skinbus.model import Arm
@@ -25,8 +25,6 @@ RIM = 0.25
 """Pitches around the tactels within which a press counts: beside them places are not determined as well."""
 USUAL = 0.68
 """Part of the presses that have no larger error: the standard deviation, were errors normal."""
-ALIKE = 0.05
-"""Pitches to which places lie alike between tactels: a step of the table of the law."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -96,8 +94,7 @@ def single_noise(table: PressTable, learned: Calibration) -> Floats:
 def cross_validate(table: PressTable, kept: Bools | None = None) -> HeldOutErrors:
     """Return the errors of presses by calibrations that are not made from them, of those that are kept."""
     kept = np.ones(len(table), np.bool_) if kept is None else kept
-    fold = _folds(table)
-    uv, (sd, force) = np.full((len(table), 2), np.nan), np.full((2, len(table)), np.nan)
+    fold, found = _folds(table), np.full((len(table), 4), np.nan)
     for k in range(FOLDS):
         test = (fold == k) & kept
         try:
@@ -105,8 +102,9 @@ def cross_validate(table: PressTable, kept: Bools | None = None) -> HeldOutError
         except ValueError:
             continue  # as if these presses made no contact
         part = errors_of(table.only(test), learned.apply(table.arm))
-        uv[test], sd[test], force[test] = part.uv, part.sd, part.force
-    return HeldOutErrors(inside=_inside(table) & kept, uv=uv, sd=sd, force=force)
+        found[test] = np.column_stack([part.uv, part.sd, part.force])
+    u, v, sd, force = found.T
+    return HeldOutErrors(inside=_inside(table) & kept, uv=np.stack([u, v], -1), sd=sd, force=force)
 
 
 def errors_of(table: PressTable, arm: Arm) -> HeldOutErrors:
@@ -126,8 +124,8 @@ def _inside(table: PressTable) -> Bools:
 
 
 def _folds(table: PressTable) -> Ints:
-    """Return the fold of each press, (n,), by its distances from the two nearest tactels."""
-    alike = np.sort(table.away(), axis=1)[:, :2] / (ALIKE * table.pitch)
+    """Return the fold of each press, (n,), by its distances from two tactels in steps of the law."""
+    alike = np.sort(table.away(), axis=1)[:, :2] / STEP
     places, group = np.unique(np.rint(np.nan_to_num(alike)), axis=0, return_inverse=True)
     order = np.random.default_rng(0).permutation(len(places)) % FOLDS
     return np.asarray(order[np.ravel(group)], np.intp)

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skinbus.estimate import Estimator
-from skinbus.estimate.calibration import Judgement, PressTable, judge
+from skinbus.estimate.calibration.gate import Judgement, judge
+from skinbus.estimate.calibration.table import PressTable
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, Transducer
 from skinbus.model.patch import grid
 from skinbus.sim.laws import Elastic

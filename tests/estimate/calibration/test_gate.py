@@ -8,7 +8,7 @@ import pytest
 
 from skinbus.cli.commands.calibrate import report
 from skinbus.estimate import Estimator
-from skinbus.estimate.calibration import judge
+from skinbus.estimate.calibration.gate import judge
 from skinbus.estimate.calibration.table import PressTable
 from skinbus.estimate.calibration.validation import cross_validate
 from skinbus.model import Arm

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from skinbus.estimate.calibration import learn_radial_law
-from skinbus.estimate.calibration.learning import TRIM
+from skinbus.estimate.calibration.learning import TRIM, learn_radial_law
 from skinbus.model import Arm, Cone, Link, PlacedPatch, Surface, Transducer, grid
 from tests.skins import shipped_law
 
