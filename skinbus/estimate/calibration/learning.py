@@ -256,7 +256,7 @@ class _Fit:
         """Logarithms of gain and width, offset (Pa)."""
         self.presses = _Unknowns(press, len(s), (place_sd or 1.0, place_sd or 1.0, FORCE_SD))
         """What they are off by along s and a (m), and in the logarithm of the force."""
-        self._misfit_profile = np.zeros(BINS)
+        self._misfit_profile, self._weight = np.zeros(BINS), float(WEIGHTS[0])
         self.variance = np.full(len(self._p), (TACTEL_SD[0] * peak) ** 2)
         self.outlier = np.zeros(len(s), np.bool_)
         self._predict()
