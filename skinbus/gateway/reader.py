@@ -23,10 +23,11 @@ class Reader:
     """Counts of one patch.
 
     Args:
-        read: returns counts (n_tactels,), left-adjusted; NaN for a tactel that has no reading. It may wait.
+        read: returns counts (n_tactels,), left-adjusted; NaN, or masked, for a tactel that has no reading.
+            It may wait.
         n_tactels: of the patch.
         bits: of a reading in its object, 8 or 16.
-        say: gets what is wrong with ``read``, when that changes; "" when nothing is.
+        say: gets what is wrong with ``read`` when that begins; "" when it is over.
     """
 
     def __init__(
@@ -63,8 +64,8 @@ class Reader:
         fault = ""
         counts, healthy = before.counts, self._none
         try:
-            values = np.asarray(self._read(), np.float64)
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - the user's own code, whatever it does
+            values = np.ma.asarray(self._read()).astype(np.float64, casting="same_kind").filled(np.nan)
+        except BaseException as error:  # noqa: BLE001 - the user's own code, whatever it does
             fault = f"{type(error).__name__}: {error}"
         else:
             there = np.isfinite(values)
@@ -77,6 +78,6 @@ class Reader:
                 healthy = there
         same = np.array_equal(healthy, before.healthy)
         self._sample = Sample(counts, np.array([clock.now_ns()]), before.healthy if same else healthy)
-        if fault != self.fault:
-            self.fault = fault
+        if bool(fault) is not bool(self.fault):  # texts may have times in them
             self._say(fault)
+        self.fault = fault

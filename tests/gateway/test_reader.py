@@ -1,5 +1,7 @@
 """A callable as the source of a patch: whatever it does, no stale number is sent."""
 
+import asyncio
+import itertools
 import sys
 import threading
 from types import SimpleNamespace
@@ -19,17 +21,28 @@ def raises():
     raise OSError("no acknowledge")
 
 
+def cancelled():
+    raise asyncio.CancelledError
+
+
+NUMBERS = itertools.count()
 NONSENSE = [
     (raises, "OSError: no acknowledge"),
-    (lambda: None, "shape ()"),
+    (lambda: None, "TypeError"),
+    (lambda: 5, "shape ()"),
     (lambda: GOOD[:15], "shape (15,); wanted (16,)"),
     (lambda: [GOOD], "shape (1, 16)"),
-    (lambda: "0123456789abcdef", "ValueError"),
-    (lambda: [*GOOD[:15], "x"], "ValueError"),
+    (lambda: "0123456789abcdef", "TypeError"),
+    (lambda: [*GOOD[:15], "x"], "TypeError"),
+    (lambda: [str(count) for count in GOOD], "TypeError"),
+    (lambda: GOOD + 1j, "TypeError"),
+    (lambda: np.ma.masked_all(16), ""),
     (lambda: [*GOOD[:15], 0x8000], "returned 0 to 32768; wanted -32768 to 32767"),
     (lambda: np.full(16, np.nan), ""),
     (lambda: np.full(16, np.inf), ""),
     (lambda: sys.exit(), "SystemExit"),
+    (lambda: [*GOOD[:15], 0x8000 + next(NUMBERS)], "to 32768"),
+    (cancelled, "CancelledError"),
 ]
 
 
@@ -50,11 +63,12 @@ def test_what_is_no_sample_leaves_no_healthy_tactel_until_there_is_one_again(rea
     assert (sample.counts.tolist(), sample.t_ns.tolist()) == (GOOD.tolist(), [5 * MS])
     assert sample.healthy.all()
     assert [text for text in said if text] == said[:-1]
-    assert [fault in text for text in said[:1]] == [True] * bool(fault), "each fault is said once"
+    assert [fault in text for text in said[:-1]] == [True] * bool(fault), "a fault is said once"
 
 
-def test_tactel_without_a_number_is_the_only_one_that_is_not_healthy():
-    reader = Reader(lambda: [np.nan, *GOOD[1:]], 16, 16)
+@pytest.mark.parametrize("read", [lambda: [np.nan, *GOOD[1:]], lambda: np.ma.array(GOOD, mask=GOOD == 0)])
+def test_tactel_without_a_number_is_the_only_one_that_is_not_healthy(read):
+    reader = Reader(read, 16, 16)
     reader.call(VirtualClock(0))
     assert reader.newest(0).healthy.tolist() == [False] + [True] * 15
     assert reader.newest(0).counts[1:].tolist() == GOOD[1:].tolist()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -48,7 +49,7 @@ def command(
     EDS describes the board, as `skinbus board new` writes it. The function returns one count for each tactel,
     left-adjusted: 32767 is full scale of 16 bits. A tactel that has no reading is NaN. The function has a
     thread of its own and may wait for the sensor. While it raises, hangs for 0.1 s, or returns anything else,
-    the patch reports an error (EMCY 0x5000) and sends no readings.
+    the patch reports an error (EMCY 0x5000) and sends no readings. Status 1: it was so at the end.
 
     \b
     Examples:
@@ -71,7 +72,14 @@ def command(
     threading.Thread(target=reader.run, args=(clock, 1.0 / rate_hz, stop), name="reader", daemon=True).start()
     with host:
         host.wait(seconds)
+        is_well = reader.newest(clock.now_ns()).healthy.any()
     stop.set()
+    if not is_well:
+        echo(
+            f"no readings at the end: the reader {reader.fault or 'hangs, or has NaN for all tactels'}",
+            err=True,
+        )
+        sys.exit(1)
 
 
 def _say(fault: str) -> None:

@@ -7,6 +7,18 @@ from tests.cli.invoke import run
 from tests.test_examples import EXAMPLES
 
 
+def test_patch_without_readings_at_the_end_says_so_by_its_status(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "silent_pad.py").write_text("import threading\nread = threading.Event().wait\n")
+    words = ["skin-patch", "--node", "5", "--interface", "virtual", "--seconds", "0.3"]
+    assert "hangs" in run("patch", *words, "--reader", "silent_pad:read", status=1)
+    assert "no readings" not in run("patch", *words, "--reader", "tests.cli.commands.test_patch:read")
+
+
+def read():
+    return [0] * 16
+
+
 @pytest.mark.slow
 def test_example_reader_passes_the_check_of_boards(skinbus, group, monkeypatch):
     monkeypatch.chdir(EXAMPLES)
