@@ -74,7 +74,8 @@ def command(
             with host:
                 host.wait(seconds)
         except OSError as error:
-            error.filename = error.filename or log
+            if error.errno:  # of the file, not of the bus
+                error.filename = error.filename or log
             raise
         finally:
             if not writer.n_frames and log != "-":

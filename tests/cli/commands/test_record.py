@@ -90,5 +90,5 @@ def test_a_recording_that_is_killed_has_whole_lines_only(skinbus, group, tmp_pat
 
 
 def test_no_bus_leaves_no_file(tmp_path):
-    refused("record", tmp_path / "new.log", "--channel", "no-such-can")
+    assert "no-such-can" in refused("record", tmp_path / "new.log", "--channel", "no-such-can")
     assert not list(tmp_path.iterdir())
