@@ -50,6 +50,7 @@ class _Stretch:
     said: set[tuple[str, int]] = field(default_factory=set)
     n: int = 0
     n_more: int = 0
+    goes_on: bool = False
     more: set[int] = field(default_factory=set)
 
 
@@ -91,8 +92,10 @@ class EventLog:
                 bus, kind, detail = key
                 stretch = self._stretches.setdefault((bus, kind), _Stretch(since))
                 what = {(detail, node_id) for node_id in node_ids or {0}}
-                if stretch.n < BURST and (stretch.length == WINDOW_S or not what <= stretch.said):
+                is_known = what <= stretch.said
+                if stretch.n < BURST and (stretch.length == WINDOW_S or not is_known):
                     stretch.n += 1
+                    stretch.goes_on |= is_known
                     stretch.said |= what
                     self._line(since, bus, kind, node_ids, detail)
                 else:
@@ -101,9 +104,10 @@ class EventLog:
         for (bus, kind), stretch in list(self._stretches.items()):
             if all_of_it or now - stretch.since >= stretch.length:
                 del self._stretches[bus, kind]
-                if stretch.n_more:
+                if stretch.n_more or stretch.goes_on:
                     length = min(2 * stretch.length, LONGEST_S)
                     self._stretches[bus, kind] = _Stretch(now, length, stretch.said)
+                if stretch.n_more:
                     more = f"{counted(stretch.n_more, 'time')} more in {now - stretch.since:.0f} s"
                     self._line(now, bus, kind, stretch.more, more)
 
