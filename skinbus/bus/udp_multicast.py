@@ -107,6 +107,8 @@ class MulticastBus(can.BusABC):
         hops = 1 if name else 0  # none: a datagram stays on this machine
         try:
             member = socket.inet_pton(socket.AF_INET, group)
+            if member[0] >> 4 != 0xE:  # 224.0.0.0/4
+                raise OSError
         except OSError:
             raise OSError(errno.EINVAL, f"{group} is no multicast group of IPv4") from None
         self._address = group, port

@@ -98,7 +98,7 @@ def read_positions(path: Path) -> Positions:
             faults.add(f"line {number}", line.strip()[:60], "x y z nx ny nz, m")
         rows.append(row)
     own = np.arange(len(rows))
-    of = own if stands_for is None else np.array(stands_for[1].split(), int)
+    of = own if stands_for is None else np.array(re.findall(r"(?<!\S)-?\d{1,9}(?!\S)", stands_for[1]), int)
     if not rows or len(rows) % ROWS:
         faults.add("rows", len(rows), f"{ROWS} for each triangle")
     if len(of) != len(rows):

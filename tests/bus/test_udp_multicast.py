@@ -9,6 +9,7 @@ import pytest
 
 from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.bus.udp_multicast import MAX_DATAGRAM, pack_datagram, unpack_datagram
+from skinbus.errors import BusError
 from tests.own_bus import own_group, own_port
 
 MESSAGE = can.Message(arbitration_id=0x181, is_extended_id=False, data=bytes(8), channel="0011")
@@ -72,3 +73,9 @@ def test_a_datagram_to_this_machine_alone_is_not_received():
         sender.sendto(datagram, (group, port))
         assert len(bus.receive(1.0)) == 1
         assert bus.receive(0.0) == []
+
+
+@pytest.mark.parametrize("group", ["10.0.0.1", "240.0.0.1", "300.1.2.3", "can0"])
+def test_what_is_no_group_is_refused_by_its_name(group):
+    with pytest.raises(BusError, match=f"{group} is no multicast group"):
+        PythonCanBus("udp_multicast", group)

@@ -49,7 +49,9 @@ board new --grid 4x4 --pitch-mm 8 --full-scale-kpa 1e12 --out x.eds      -> full
 board new --grid 4x4 --pitch-mm 8 --out board.eds       -> is there already; it would be lost
 board new --positions t1.csv --out x.eds                -> u_mm
 board new --positions t2.csv --out x.eds                -> line 2, v_mm
-board new --positions t3.csv --out x.eds                -> pitch of 0 mm
+board new --positions t3.csv --out x.eds                -> rows 2 and 3
+board new --positions t7.csv --pitch-mm 8 --out x.eds   -> rows 1 and 3
+board new --positions t8.csv --out x.eds                -> 30000 tactels; wanted 1 to 64
 board new --positions t4.csv --out x.eds                -> pitch of inf mm
 board new --positions t5.csv --pitch-mm 8 --out x.eds   -> 1 at least
 board new --positions t6.csv --pitch-mm 8 --out x.eds   -> normal 1
@@ -64,6 +66,7 @@ scan identify pad                                       -> --out
 scan identify link.csv                                  -> symbolic link
 doctor forearm --interface slcan --unit                 -> the unit is for SocketCAN
 view forearm --attach x --channel can0                  -> no bus is used
+view two-finger                                         -> scene: is 'two-finger' | 'two-fingers'
 view empty.log                                          -> a recording needs --arm
 view empty.log.gz                                       -> a recording needs --arm
 gateway icub-mtb4 plate.toml --from can0 --to can0      -> both socketcan can0
@@ -139,10 +142,12 @@ export --arm pad --out x.txt                            -> .dbc
 TACTELS = [
     "u,v\n1,2\n",
     "u_mm,v_mm\n1,x\n",
-    "u_mm,v_mm\n1,2\n1,2\n",
+    "u_mm,v_mm\n4,2\n1,2\n1,2\n",
     "u_mm,v_mm\n1,2\n",
     "u_mm,v_mm\n",
     "x_m,y_m,z_m,nx,ny,nz\n0,0,0,0,0,0\n",
+    "x_mm,y_mm,z_mm,nx,ny,nz\n9,9,0,0,0,1\n0,0,0,0,0,1\n9,9.05,0,0,0,1\n",
+    "u_mm,v_mm\n" + "\n".join(f"{k},0" for k in range(30_000)),
 ]
 PRESSES = [
     "",

@@ -129,6 +129,8 @@ def test_boards_are_laid_on_a_mesh(tmp_path):
         (lambda t: t.replace("[calibration]\n", "[calibration]\n0 0 nan 0 0 0\n"), "x y z nx ny nz"),
         (lambda t: t + "0 0 0 0 0 0\n", "12 for each triangle"),
         (lambda t: t.replace("taxel2Repr (", "taxel2Repr (5 "), "577 numbers"),
+        (lambda t: t.replace("taxel2Repr (0", "taxel2Repr (0-"), "575 numbers"),
+        (lambda t: text(np.vstack([np.ones((1, 6)), np.zeros((11, 6))])), "pitch of inf"),
         (lambda t: "", "rows"),
         (lambda t: text(np.zeros((192, 6))), "no tactel"),
     ],

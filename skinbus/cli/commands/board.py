@@ -33,6 +33,7 @@ from skinbus.master.commissioning.patch_check import (
     RuleResult,
 )
 from skinbus.master.commissioning.scan import Scanner
+from skinbus.model.patch import MAX_TACTELS
 from skinbus.node.context import NS_PER_MS
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import build_od, find_eds, load_eds, read_eds
@@ -64,6 +65,8 @@ POSITIONS = tuple(
     for unit in ("mm", "m")
 )
 """Columns of the positions of tactels."""
+LEAST_M = 1e-4
+"""Tactels that are closer are at one place: a row is there twice."""
 
 
 def _grid(ctx: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, int] | None:
@@ -140,13 +143,14 @@ def new(
         raise click.UsageError("wanted --grid with --pitch-mm, or --positions")
     try:
         uv = _positions(positions) if positions else model.grid(*(grid or (0, 0)), 1e-3 * (pitch_mm or 0.0))
-        apart = np.hypot(*(uv[:, None] - uv).T)
+        few = uv[:MAX_TACTELS]  # a board of more is refused below
+        apart = np.hypot(*(few[:, None] - few).T) + np.diag(np.full(len(few), np.inf))
+        if positions and (apart < LEAST_M).any():
+            raise ValueError("rows {} and {} are at one place".format(*np.argwhere(apart < LEAST_M)[0] + 1))
         board = NewBoard(
             name=out.name,
             tactels_uv=uv,
-            pitch=1e-3 * pitch_mm
-            if pitch_mm
-            else float(apart[~np.eye(len(uv), dtype=bool)].min(initial=np.inf)),
+            pitch=1e-3 * pitch_mm if pitch_mm else float(apart.min(initial=np.inf)),
             bits=16 if module else bits,
             full_scale_pa=1e3 * full_scale_kpa,
             canfd=canfd,
@@ -199,9 +203,12 @@ def import_skin(positions: Path, mesh: str | None, first_board: int, out: Path) 
     from skinbus.gateway import icub
 
     skin = icub.read_positions(positions)
-    files, fit = icub.import_skin(
-        skin, first_board=first_board, mesh=os.path.relpath(mesh, out) if mesh else None
-    )
+    try:
+        files, fit = icub.import_skin(
+            skin, first_board=first_board, mesh=os.path.relpath(mesh, out) if mesh else None
+        )
+    except ValueError as error:
+        raise ConfigError.of(positions, "tactels", None, f"a skin, not {error}") from error
     out.mkdir(parents=True, exist_ok=True)
     for name in files:
         output.try_to_write(out / name)

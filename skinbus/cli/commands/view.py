@@ -101,6 +101,8 @@ def command(
         stack.callback(page.close)
         if host not in LOOPBACK:
             echo(f"{host}: from all machines that reach it this page is seen", err=True)
+        if port not in (0, page.server.get_port()):
+            echo(f"port {port} is taken: another one is used", err=True)
         echo(f"{title}: {page.server.link}; Ctrl-C stops")
         os.nice(YIELDS)
         with Ending() as ending:
@@ -138,9 +140,12 @@ def source_of(
 
 
 def is_scene(source: str) -> bool:
-    """Whether a word names a scene, or a file that has a table of that name."""
+    """Whether a word names a scene, a file that has a table of that name, or nothing."""
     from skinbus.sim.scene_file import scene_names
 
     with suppress(OSError, ValueError):  # load_arm says what is wrong with it
-        return source in scene_names() or "scene" in tomllib.loads(Path(source).read_text(encoding="utf-8"))
+        path = Path(source)
+        if source in scene_names() or not path.exists():
+            return True
+        return "scene" in tomllib.loads(path.read_text(encoding="utf-8"))
     return False
