@@ -143,10 +143,10 @@ def new(
         raise click.UsageError("wanted --grid with --pitch-mm, or --positions")
     try:
         uv = _positions(positions) if positions else model.grid(*(grid or (0, 0)), 1e-3 * (pitch_mm or 0.0))
-        few = uv[:MAX_TACTELS]  # a board of more is refused below
-        apart = np.hypot(*(few[:, None] - few).T) + np.diag(np.full(len(few), np.inf))
-        if positions and (apart < LEAST_M).any():
-            raise ValueError("rows {} and {} are at one place".format(*np.argwhere(apart < LEAST_M)[0] + 1))
+        i, j = np.triu_indices(min(len(uv), MAX_TACTELS), 1)  # a board of more is refused below
+        apart = np.hypot(*(uv[i] - uv[j]).T)
+        if positions and (close := np.flatnonzero(apart < LEAST_M)).size:
+            raise ValueError(f"rows {1 + i[close[0]]} and {1 + j[close[0]]} are at one place")
         board = NewBoard(
             name=out.name,
             tactels_uv=uv,

@@ -145,7 +145,6 @@ def is_scene(source: str) -> bool:
 
     with suppress(OSError, ValueError):  # load_arm says what is wrong with it
         path = Path(source)
-        if source in scene_names() or not path.exists():
-            return True
-        return "scene" in tomllib.loads(path.read_text(encoding="utf-8"))
+        is_known = source in scene_names() or not path.exists()
+        return is_known or "scene" in tomllib.loads(path.read_text(encoding="utf-8"))
     return False
