@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from skinbus.arrays import Floats
 from skinbus.can.clock import Clock
 from skinbus.node.host import Sample
 
@@ -64,7 +65,8 @@ class Reader:
         fault = ""
         counts, healthy = before.counts, self._none
         try:
-            values = np.ma.asarray(self._read()).astype(np.float64, casting="same_kind").filled(np.nan)
+            counted = np.ma.asarray(self._read()).astype(np.float64, casting="same_kind")
+            values: Floats = np.ma.filled(counted, np.nan)
         except BaseException as error:  # noqa: BLE001 - the user's own code, whatever it does
             fault = f"{type(error).__name__}: {error}"
         else:
