@@ -150,7 +150,8 @@ class Loop:
             if left_ns > POLL_NS and self.tidy and not self.core.n_owed:
                 self.tidy.pause(min(left_ns - POLL_NS, IDLE_NS))
                 left_ns = wake_ns - self.clock.now_ns()
-            frames = self.receive(min(max(left_ns - POLL_NS, 0), IDLE_NS))
+            timeout_ns = min(max(left_ns - POLL_NS, 0), IDLE_NS)
+            frames = self.receive(timeout_ns)
             if frames is not None or due:
                 return frames or ()
         self.stopping = True

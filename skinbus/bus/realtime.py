@@ -70,4 +70,5 @@ class GcScheduler:
             return
         begin_ns = time.perf_counter_ns()
         gc.collect(generation)
-        self._longest_ns[generation] = max(self._longest_ns[generation], time.perf_counter_ns() - begin_ns)
+        took_ns = time.perf_counter_ns() - begin_ns
+        self._longest_ns[generation] = max(self._longest_ns[generation], took_ns)

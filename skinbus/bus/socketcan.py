@@ -178,9 +178,10 @@ class SocketCanBus(Bus):
 
     def close(self) -> None:
         """Let go of the interface; a second call does nothing."""
+        parts = [*self._sockets, *([self._babble] if self._babble else ())]
         try:
             with contextlib.ExitStack() as stack:  # all of them, also when one fails at it
-                for part in [*self._sockets, *([self._babble] if self._babble else ())]:
+                for part in parts:
                     stack.callback(part.close)
         except OSError as error:
             raise BusError(f"{self}: closing failed: {error}") from error

@@ -123,7 +123,8 @@ class BabbleWatch:
 
     def _listen(self, on: bool) -> None:
         self._listening = on
-        self._sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters(None if on else ()))
+        wanted = filters(None if on else ())
+        self._sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, wanted)
 
     def _heard(self) -> Iterator[int]:
         """Yield the identifiers of frames that came while it listened."""

@@ -259,7 +259,8 @@ class BatchWriter:
     def __init__(self, sock: socket.socket) -> None:
         self._fd = sock.fileno()
         self._memory = bytearray(CHUNK * CANFD_MTU)
-        self._messages, self._vectors = headers(np.frombuffer(self._memory, FRAME_DTYPE), None)
+        rows = np.frombuffer(self._memory, FRAME_DTYPE)
+        self._messages, self._vectors = headers(rows, None)
         self._address = address_of(self._messages)
         self._lengths = np.zeros(CHUNK, np.uint64)
 
@@ -292,9 +293,10 @@ def to_kernel(frame: Frame) -> tuple[int, int, int, bytes]:
 
 def to_frames(batch: FrameBatch) -> list[Frame]:
     """The frames of a batch one by one."""
+    raw = batch.frames[: batch.n].tobytes()
     return [
         Frame(can_id, data[: min(length, MAX_DATA)], t_ns, flags)
         for (can_id, length, flags, data), t_ns in zip(
-            _FRAME.iter_unpack(batch.frames[: batch.n].tobytes()), batch.t_ns[: batch.n].tolist(), strict=True
+            _FRAME.iter_unpack(raw), batch.t_ns[: batch.n].tolist(), strict=True
         )
     ]

@@ -65,8 +65,9 @@ def unpack_datagram(datagram: bytes) -> dict[str, Any] | None:
     data = b"" if data is None else data
     if not type(can_id) is type(dlc) is int or not isinstance(data, bytes):
         return None
+    is_long = flags["is_extended_id"] or flags["is_error_frame"]
     fits = (
-        0 <= can_id < 1 << (29 if flags["is_extended_id"] or flags["is_error_frame"] else 11)
+        0 <= can_id < 1 << (29 if is_long else 11)
         and dlc >= 0
         and len(data) <= (MAX_DATA if flags["is_fd"] else 8)
         and all(type(flag) is bool for flag in flags.values())

@@ -150,7 +150,8 @@ class CandumpReader:
             elif line.strip():
                 self.n_strange += 1
                 if len(self._faults) < MAX_FAULTS:
-                    self._faults.add(f"line {number}", line.strip()[:80], str(error).rpartition("wanted ")[2])
+                    wanted = str(error).rpartition("wanted ")[2]
+                    self._faults.add(f"line {number}", line.strip()[:80], wanted)
                     self.first_strange = self._faults[0]
             return None
 

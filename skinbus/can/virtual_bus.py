@@ -192,7 +192,8 @@ class VirtualBus:
                 port.refused += 1
                 continue
             port.queued += 1
-            self._queues.setdefault(arbitration_key(frame), deque()).append((port, frame))
+            key = arbitration_key(frame)
+            self._queues.setdefault(key, deque()).append((port, frame))
 
     def _arbitrate(self, now_ns: int) -> None:
         """Let all ports that offer the lowest key begin together; what gets through, if anything, is sent."""

@@ -113,7 +113,8 @@ DEFAULT_LEVEL = "fit"
 
 def level_option(what: str = "Level of the estimator.") -> Callable[..., Any]:
     """Return --level."""
-    return click.option("--level", default=DEFAULT_LEVEL, type=click.Choice(LEVELS), help=what)
+    choice = click.Choice(LEVELS)
+    return click.option("--level", default=DEFAULT_LEVEL, type=choice, help=what)
 
 
 seconds_option = click.option("--seconds", type=POSITIVE, help="Stop after this time, s.")

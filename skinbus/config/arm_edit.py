@@ -62,7 +62,8 @@ def edit_arm(path: Path, text: str, changes: Mapping[str, Change]) -> str:
     if not is_good:
         keys = ", ".join(list(changes)[:3])
         seen_there = f"{keys}, written in a way that cannot be edited"
-        raise ConfigError.of(path, "file", seen_there, "[[patch]] and [[ring]] on lines of their own")
+        how = "[[patch]] and [[ring]] on lines of their own"
+        raise ConfigError.of(path, "file", seen_there, how)
     return edited
 
 

@@ -41,7 +41,8 @@ def outside(surface: Surface, placed: PlacedPatch) -> float:
     over = max(float(-s.min()), float(s.max()) - surface.length)
     if surface.period == 0.0:
         return max(over, float(np.abs(placed.a + y).max()) - 0.5 * surface.width)
-    return max(over, float(np.ptp(y)) - float(surface.period * surface.radius_at(placed.s) / surface.radius))
+    around = float(surface.period * surface.radius_at(placed.s) / surface.radius)
+    return max(over, float(np.ptp(y)) - around)
 
 
 def overlap(surface: Surface, first: PlacedPatch, second: PlacedPatch) -> float:

@@ -74,7 +74,8 @@ def _boards(key: str, ring: RingTable, named: Named, faults: FaultList) -> Itera
     elif ring.link in named and "angle_deg" not in named[ring.link][1].places:
         faults.add(f"{key}.link", ring.link, "a cylinder or cone: a ring goes around")
     elif isinstance(ring.eds, list) and len(ring.eds) != ring.count:
-        faults.add(f"{key}.eds", f"{len(ring.eds)} files", f"one, or {ring.count}: one for each patch")
+        wanted = f"one, or {ring.count}: one for each patch"
+        faults.add(f"{key}.eds", f"{len(ring.eds)} files", wanted)
     else:
         yield from ((f"{key}#{k}", patch) for k, patch in enumerate(ring.boards(), 1))
 

@@ -66,12 +66,13 @@ def robot_settings(
         ]
         faults += [Fault(key, joint.name, "[robot] beside it") for key, joint in joints]
         return None
+    usual_ms = max(MAX_AGE_MS, 1e3 * MAX_AGE_PERIODS / rate_hz)
     return RobotSettings(
         file=str(path),
         urdf=str(beside(robot.urdf, path)),
         base=robot.base,
         tool=robot.tool,
-        max_age_ns=round(1e6 * (robot.max_age_ms or max(MAX_AGE_MS, 1e3 * MAX_AGE_PERIODS / rate_hz))),
+        max_age_ns=round(1e6 * (robot.max_age_ms or usual_ms)),
         links=tuple(LinkFrame(name=link.frame or link.name, X_LS=_pose(link)) for _, link in links),
         joints=tuple(_joint(key, joint, faults) for key, joint in joints),
     )

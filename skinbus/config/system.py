@@ -134,8 +134,9 @@ def _place(file: ArmFile, faults: FaultList) -> tuple[list[PlacedPatch], list[Ob
 
 def _at(key: str, eds: str, fault: Fault) -> Fault:
     """Return a fault of a patch's EDS, or of its settings, as one of the arm file."""
+    ours = fault.key.startswith(("set.", "serial"))
     return Fault(
-        f"{key}.{fault.key}" if fault.key.startswith(("set.", "serial")) else f"{key}.eds {eds} {fault.key}",
+        f"{key}.{fault.key}" if ours else f"{key}.eds {eds} {fault.key}",
         fault.seen,
         fault.wanted,
     )

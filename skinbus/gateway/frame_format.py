@@ -189,7 +189,8 @@ class FrameFormat:
 
     def counts(self, raw: npt.NDArray[Any]) -> Ints32:
         """Return the counts (n,) of readings (n,)."""
-        return np.clip(np.rint((raw - self.zero) * self.gain), -0x8000, 0x7FFF).astype(np.int32)
+        counts = np.clip(np.rint((raw - self.zero) * self.gain), -0x8000, 0x7FFF)
+        return counts.astype(np.int32)
 
 
 @dataclass(frozen=True)
@@ -284,7 +285,8 @@ def _fill(table: FrameTable | CommandTable, numbers: Mapping[str, int]) -> tuple
     """Return identifier and first bytes of a frame whose letters have these numbers."""
     bits = table.id + _bits(table.data)
     for letter, number in numbers.items():
-        places = iter(f"{number:0{bits.count(letter)}b}")
+        width = bits.count(letter)
+        places = iter(f"{number:0{width}b}")
         bits = "".join(next(places) if bit == letter else bit for bit in bits)
     data = bits[ID_BITS:]
     return int(bits[:ID_BITS], 2), bytes(int(data[i : i + 8], 2) for i in range(0, len(data), 8))

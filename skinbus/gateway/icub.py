@@ -175,7 +175,7 @@ def import_skin(skin: Positions, *, first_board: int, mesh: str | None) -> tuple
     used = np.flatnonzero(skin.healthy.any(axis=1)).tolist()
     points = skin.points[skin.healthy]
     fit = fit_surface(points, skin.normals[skin.healthy])
-    distances = cKDTree(points).query(points, [2])[0]  # the nearest of a tactel is itself
+    distances = np.asarray(cKDTree(points).query(points, [2])[0])  # the nearest of a tactel is itself
     pitch = max(1e-3, float(np.median(distances)))
     files, tables = dict[str, str](), list[str]()
     rows = np.cumsum(skin.healthy).reshape(skin.healthy.shape) - 1

@@ -64,7 +64,8 @@ class BusMaster:
         self.supervisor: PatchMonitor = (
             PatchMonitor(plans, table) if follows else Supervisor(plans, table, timeouts_of(arm), guarding)
         )
-        taken = data_ids | self.supervisor.cob_ids | {cia.SDO_CLIENT_BASE + plan.node_id for plan in plans}
+        requests = {cia.SDO_CLIENT_BASE + plan.node_id for plan in plans}
+        taken = data_ids | self.supervisor.cob_ids | requests
         self.network = Network(arm, number, self.device, plans, taken, self.supervisor, baseline)
         self.tactels = PlausibilityReport(arm, number, self.device, plausibility)
         self.alarms = Alarms(self.device)
@@ -108,7 +109,7 @@ class BusMaster:
         """Return which patches may have answered a SYNC of another master: those started before it came."""
         if self.other_master is None or not self.other_master.is_present:
             return np.zeros(len(started_ns), np.bool_)
-        return started_ns <= self.other_master.last_ns
+        return np.asarray(started_ns <= self.other_master.last_ns)
 
     def supervise(self, now_ns: int, frames: Frames) -> bool:
         """Boot if it is time, be operational, watch patches and other masters; return whether it booted."""

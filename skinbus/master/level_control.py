@@ -130,7 +130,8 @@ class LevelControl:
             return None
         # the contacts of the cycle before, and the summary
         wire_ns = (self._n_contacts + 1) * TPDO_BITS * self._bit_ns
-        left_us = max(0.0, 1e-3 * (self._period_ns - since_sync_ns - wire_ns - self._publishing_ns))
+        left_ns = self._period_ns - since_sync_ns - wire_ns - self._publishing_ns
+        left_us = max(0.0, 1e-3 * left_ns)
         return left_us if self._most_us is None else min(left_us, self._most_us)
 
     def close(

@@ -274,7 +274,7 @@ class Master(Core):
             self.level_control.sync(now_ns - self._sync_ns - self._n_left_out * self.period_ns)
         is_lost = np.array([branch.is_lost for branch in self.branches])[self.arm.patch_bus]
         is_running = self.table.is_running
-        answering = (is_running | self._follows) & ~is_lost
+        answering = np.asarray((is_running | self._follows) & ~is_lost)
         if self._follows:  # they may be started unseen, and are not behind then
             self.freshness.forget(~is_running)
         self._n_left_out = GAP - 1 if self.freshness.open(now_ns, answering, counter) else 0

@@ -192,7 +192,8 @@ class Arm:
         settings.setdefault("size", (float(extent[0]), float(extent[1])))
         patch = Patch(tactels_uv=uv, law=law or DEFAULT_LAW, **settings)
         link = Link("pad", Surface.plane(*patch.size))
-        return cls("single patch", [link], [PlacedPatch(patch=patch, node_id=1, link=0, s=0.0, a=0.0)])
+        placed = PlacedPatch(patch=patch, node_id=1, link=0, s=0.0, a=0.0)
+        return cls("single patch", [link], [placed])
 
     def __repr__(self) -> str:
         return f"<Arm {self.name}: n_patches={self.n_patches}, n_tactels={self.n_tactels}>"

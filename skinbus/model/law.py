@@ -121,11 +121,12 @@ class Radial:
         t = np.where(inside, x, 0.0) - i
         rise = table[i + 1] - table[i]
         bend = slopes[i] + slopes[i + 1] - 2.0 * rise
-        return np.where(inside, table[i] + t * (slopes[i] + t * (rise - slopes[i] - bend + t * bend)), 0.0)
+        cubic = table[i] + t * (slopes[i] + t * (rise - slopes[i] - bend + t * bend))
+        return np.where(inside, cubic, 0.0)
 
     def pressure(self, d: npt.ArrayLike, force: npt.ArrayLike) -> Floats:
         """Return the pressure at distances d (m) from contacts of given force (N), (...,) Pa."""
-        return _effective(force, self.exponent) * self.profile(d)
+        return np.asarray(_effective(force, self.exponent) * self.profile(d))
 
     def unexplained(self, d: npt.ArrayLike, force: npt.ArrayLike) -> Floats:
         """Return the standard deviation of what the law leaves at distances d (m), (...,) Pa."""
@@ -143,7 +144,7 @@ class Radial:
         pressure, k = np.broadcast_arrays(np.asarray(pressure, float), self.profile(d))
         known = (pressure > 0.0) & (k > 0.0)
         ratio = np.where(known, pressure, 0.0) / np.where(known, k, 1.0)
-        return ratio ** (1.0 / self.exponent)
+        return np.asarray(ratio ** (1.0 / self.exponent))
 
 
 Law = Cone | Radial

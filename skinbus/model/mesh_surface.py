@@ -50,7 +50,8 @@ class MeshSurface(Surface):
     def project(self, points: npt.ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Return (s, a) of the nearest points of the surface and heights over it, (n,) m, of (n, 3) m."""
         wanted = np.asarray(points, float)
-        k = cKDTree(self.nodes[self.on][:, :3]).query(wanted)[1]
+        tree = cKDTree(self.nodes[self.on][:, :3])
+        k = tree.query(wanted)[1]
         s, a = (self.first + self.step * np.argwhere(self.on)[k]).T
         for _ in range(3):  # Newton from the nearest node; the second step is below a nanometre
             value, along, across = self._at(s, self.wrap(a))
@@ -58,7 +59,7 @@ class MeshSurface(Surface):
             steps = np.linalg.pinv(slopes, 1e-3) @ (wanted - value[:, :3])[..., None]
             s, a = np.stack([s, a]) + np.clip(steps[..., 0].T, -self.step, self.step)
         point, normal = self.position(s, a)
-        return np.asarray(s), self.wrap(a), ((wanted - point) * normal).sum(axis=1)
+        return np.asarray(s), self.wrap(a), np.asarray(((wanted - point) * normal).sum(axis=1))
 
     def contains(self, s: npt.ArrayLike, a: npt.ArrayLike) -> Bools:
         """Return whether places are on the mesh, to half a step of the grid."""
@@ -74,7 +75,7 @@ class MeshSurface(Surface):
         """Return the area of the mesh per area of the chart, (n,); 0 beside the mesh."""
         _, along, across = self._at(np.asarray(s, float), self.wrap(a))
         area = np.linalg.norm(np.cross(along[..., :3], across[..., :3]), axis=-1)
-        return np.where(self.contains(s, a), area, 0.0)
+        return np.asarray(np.where(self.contains(s, a), area, 0.0))
 
     def _at(self, s: npt.NDArray[Any], a: npt.NDArray[Any]) -> tuple[Floats, Floats, Floats]:
         """Return point and normal (..., 6), bilinear, and their derivatives by s and a."""

@@ -77,14 +77,14 @@ class Surface:
 
     def radius_at(self, s: npt.ArrayLike) -> Floats:
         """Return the radius at s, (...,) m; 1 on a plane."""
-        return self.radius + self.taper * (np.asarray(s, float) - 0.5 * self.length)
+        return np.asarray(self.radius + self.taper * (np.asarray(s, float) - 0.5 * self.length))
 
     def wrap(self, a: npt.ArrayLike) -> Floats:
         """Return a brought to [-period/2, period/2], (...,) m; unchanged on a plane."""
         a = np.asarray(a, float)
         if self.period == 0.0:
             return a
-        return a - self.period * np.round(a / self.period)
+        return np.asarray(a - self.period * np.round(a / self.period))
 
     def develop(self, s: npt.ArrayLike, a: npt.ArrayLike, a0: npt.ArrayLike = 0.0) -> tuple[Floats, Floats]:
         """Return flat coordinates (x, y) in m, unrolled about the generator a0, where x = s and y = 0.
@@ -132,7 +132,8 @@ class Surface:
             return x, y, z
         r, along = np.hypot(y, z), math.sqrt(1.0 - self.taper**2)
         over = r - (self.radius - 0.5 * self.taper * self.length)
-        return along * x + self.taper * over, np.arctan2(y, z) * self.radius, along * over - self.taper * x
+        s = along * x + self.taper * over
+        return s, np.arctan2(y, z) * self.radius, along * over - self.taper * x
 
 
 def places_on(shape: Iterable[Any], s: npt.ArrayLike, a: npt.ArrayLike) -> tuple[Floats, Floats]:

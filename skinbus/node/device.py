@@ -226,7 +226,8 @@ class Device(Core):
 
     def communication_error(self) -> None:
         """Do what 0x1029 says after bus-off or a lost heartbeat (CiA 301, 7.5.2.28)."""
-        state = ON_COMMUNICATION_ERROR.get(self.values.number(ERROR_BEHAVIOR, ERROR_BEHAVIOR_COMMUNICATION))
+        choice = self.values.number(ERROR_BEHAVIOR, ERROR_BEHAVIOR_COMMUNICATION)
+        state = ON_COMMUNICATION_ERROR.get(choice)
         if state is not None and self._context.state is NmtState.OPERATIONAL:
             self._enter(state)
 

@@ -116,7 +116,8 @@ class EmcyService:
         self.wake_ns = self._free_ns if self._waiting else NEVER
 
     def _queue(self, code: int, data: bytes) -> None:
-        self._waiting.append(MESSAGE.pack(code, self.values.number(ERROR_REGISTER, 0), data))
+        register = self.values.number(ERROR_REGISTER, 0)
+        self._waiting.append(MESSAGE.pack(code, register, data))
         self.wake_ns = min(self.wake_ns, self._free_ns)
 
     def _write_register(self) -> None:

@@ -214,7 +214,8 @@ class SdoServer(Part):
         end = yield answers, BLOCK_DOWNLOAD_END
         value = bytes(came[: len(came) - (end[0] >> 2 & 7)])
         if announced is not None and len(value) != announced:
-            raise SdoAbort(AbortCode.LENGTH_HIGH if len(value) > announced else AbortCode.LENGTH_LOW)
+            is_long = len(value) > announced
+            raise SdoAbort(AbortCode.LENGTH_HIGH if is_long else AbortCode.LENGTH_LOW)
         if command & BLOCK_CRC and crc_hqx(value, 0) != int.from_bytes(end[1:3], "little"):
             raise SdoAbort(AbortCode.CRC)
         self.dictionary.write(self._index, self._sub, value)
@@ -245,7 +246,8 @@ class SdoServer(Part):
             check_block(size)
         unused = -n % SEGMENT if n else SEGMENT
         crc = crc_hqx(value, 0) if data[0] & BLOCK_CRC else 0
-        yield [struct.pack("<BH5x", 0xC1 | unused << 2, crc)], BLOCK_UPLOAD_END
+        end = struct.pack("<BH5x", 0xC1 | unused << 2, crc)
+        yield [end], BLOCK_UPLOAD_END
         return []
 
 

@@ -40,7 +40,8 @@ class VerifyService(Part):
             self._clear()
 
     def _checksum(self, sub: int) -> bytes:
-        values = (Write(entry.index, entry.sub, self.values.load(entry) or b"") for entry in self._verified)
+        load = self.values.load
+        values = (Write(entry.index, entry.sub, load(entry) or b"") for entry in self._verified)
         return checksum(values).to_bytes(4, "little")
 
     def _stored(self, entry: ImageEntry) -> None:

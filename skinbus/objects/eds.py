@@ -142,7 +142,8 @@ class _Template:
         variable.access_type = source.access
         variable.pdo_mappable = source.mappable
         variable.min, variable.max = source.low, source.high  # type: ignore[assignment]  # REAL limits
-        default = (source.value if source.access in ("ro", "const") else None) or source.default
+        is_fixed = source.access in ("ro", "const")
+        default = (source.value if is_fixed else None) or source.default
         variable.relative = default is not None and default.relative
         for field, value in (("default", default), ("value", source.value)):
             if value is not None and value.relative and isinstance(value.number, int):

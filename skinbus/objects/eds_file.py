@@ -247,7 +247,8 @@ def _read_sub_object(file: EdsFile, section: Section, index: int, sub: int) -> N
         file.fault(section.name, "", None, f"no section of its own: [{index:04X}] is compact")
         return
     object_type = file.integer(section.name, "ObjectType") or VAR
-    entry.variables[sub] = _read_variable(file, section, index, sub, _name(file, section), object_type)
+    name = _name(file, section)
+    entry.variables[sub] = _read_variable(file, section, index, sub, name, object_type)
 
 
 def _name(file: EdsFile, section: Section) -> str:

@@ -200,7 +200,8 @@ def module_dcf(text: str, board: NewBoard, *, name: str = "EDS") -> str:
     carriers = [pdo for pdo in tpdos(build_od(file, 1)) if carries_readings(pdo)]
     sent = sorted(entry.sub for pdo in carriers for entry in readings_in(pdo))
     if sent != list(range(1, board.n_tactels + 1)):
-        file.faults.add("TPDOs", f"readings {sent}", f"readings 1 to {board.n_tactels}, one for each tactel")
+        wanted = f"readings 1 to {board.n_tactels}, one for each tactel"
+        file.faults.add("TPDOs", f"readings {sent}", wanted)
     if file.faults:
         raise EdsError(name, file.faults)
     values = {(cia.HEARTBEAT_PRODUCER, 0): HEARTBEAT_MS}

@@ -133,7 +133,8 @@ class ReadingsPlan:
         steps = np.array([p.patch.transducer.step for p in arm.patches])
         self.counts_scale = steps[arm.tactel_patch] * arm.tactel_gain
         self.counts_offset = arm.tactel_offset
-        self._stamp = np.array([_stamp(ods[p], pdo) for p, _, pdo in found], np.int32).reshape(-1, 4)
+        stamps = [_stamp(ods[p], pdo) for p, _, pdo in found]
+        self._stamp = np.array(stamps, np.int32).reshape(-1, 4)
         self.stamped = self._stamp >= 0
         # Entries of each PDO, (n_frames, most entries): short PDOs repeat theirs, which changes nothing.
         entries = [_entries(p, pdo, arm.patches[p], int(arm.patch_start[p])) for p, _, pdo in found]

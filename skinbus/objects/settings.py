@@ -79,7 +79,8 @@ def apply_identity(file: EdsFile, serial: int) -> None:
     if variable is not None and number:
         variable.value = Value(number)
     elif serial:
-        file.faults.add("serial", serial, f"no serial number: no [{cia.IDENTITY:04X}sub4] in the file")
+        wanted = f"no serial number: no [{cia.IDENTITY:04X}sub4] in the file"
+        file.faults.add("serial", serial, wanted)
 
 
 def _at(file: EdsFile, match: re.Match[str]) -> list[list[Variable]]:

@@ -104,7 +104,8 @@ def _cover_link(arm: Arm, k: int, force: float, step: float) -> Coverage:
         if placed.link != k:
             continue
         patch = placed.patch
-        board[(np.abs(arm.on_board(p, s, a)) <= 0.5 * placed.scale * np.array(patch.size)).all(axis=-1)] = p
+        half = 0.5 * placed.scale * np.array(patch.size)
+        board[(np.abs(arm.on_board(p, s, a)) <= half).all(axis=-1)] = p
         tactels = np.flatnonzero((arm.tactel_patch == p) & arm.tactel_healthy)
         if not len(tactels):
             continue

@@ -200,8 +200,9 @@ class Plan:
         }  # fmt: skip
         reached = {text: replace(self, **change).largest_hz for text, change in changes.items()}
         least = next((text for text, hz in reached.items() if hz >= self.rate_hz), None)
+        rate = f"at most {self.largest_hz:g} Hz instead of {self.rate_hz:g} Hz"
         return [
-            *([f"at most {self.largest_hz:g} Hz instead of {self.rate_hz:g} Hz"] if self.largest_hz else []),
+            *([rate] if self.largest_hz else []),
             *(f"level {fit.level} instead of {self.level}" for fit in self.levels if fit.holds),
             *(
                 f"{text}: up to {hz:g} Hz" + ", the least change that is enough" * (text == least)
@@ -226,9 +227,10 @@ def plans(
     bitrate:      bit/s, and ``rate_hz`` the SYNC rate: those of the arm file unless given.
     response_ns:  longest time of a patch from the end of the SYNC to its readings in the send queue.
     """
+    several = len(arm.buses) > 1
     alone = [
         Plan(
-            arm=f"{arm.name}, bus {bus.name}" if len(arm.buses) > 1 else arm.name,
+            arm=f"{arm.name}, bus {bus.name}" if several else arm.name,
             ods=tuple(ods_of(arm.part(k))),
             bitrate=bitrate or bus.bitrate,
             data_bitrate=bus.data_bitrate,

@@ -64,7 +64,8 @@ class Chain(NamedTuple):
         """Return which positions (n_joints,) are beyond limits; limits that leave no range are none."""
         slack = np.where(self.linear, SLACK_M, SLACK_RAD)
         is_limited = (np.array(self.kinds) != "continuous") & (self.lower < self.upper)
-        return np.asarray(is_limited & ((positions < self.lower - slack) | (positions > self.upper + slack)))
+        beyond = (positions < self.lower - slack) | (positions > self.upper + slack)
+        return np.asarray(is_limited & beyond)
 
 
 def check_robot(arm: Arm) -> Arm:

@@ -54,7 +54,7 @@ class Flattening:
         """Return places a whole number of periods away, as near as can be to others."""
         if not self.period:
             return z
-        return z - 1j * self.period * np.round((z - to).imag / self.period)
+        return np.asarray(z - 1j * self.period * np.round((z - to).imag / self.period))
 
     def corners(self) -> Complex:
         """Return the places (m, 3) of the corners of each triangle, none of them cut apart."""
@@ -103,7 +103,7 @@ def _part(mesh: Mesh, skin: Floats) -> Ints:
     sources = np.unique(cKDTree(points).query(skin)[1])
 
     def away_from(corners: Any) -> Floats:
-        return dijkstra(graph, directed=False, indices=corners, min_only=True)
+        return np.asarray(dijkstra(graph, directed=False, indices=corners, min_only=True))
 
     away, reach = away_from(sources), REACH
     while True:
@@ -130,7 +130,7 @@ def _lengths(points: Floats, triangles: Ints, u: Floats) -> Floats:
 def _angles(sides: Floats) -> Floats:
     """Return the angles (m, 3) of triangles of these sides, each opposite to its side."""
     a, b, c = sides, sides[:, [1, 2, 0]], sides[:, [2, 0, 1]]
-    return np.arccos(np.clip((b * b + c * c - a * a) / (2.0 * b * c), -1.0, 1.0))
+    return np.asarray(np.arccos(np.clip((b * b + c * c - a * a) / (2.0 * b * c), -1.0, 1.0)))
 
 
 def _scale_factors(points: Floats, triangles: Ints, rims: list[Ints], name: str) -> Floats:

@@ -75,7 +75,7 @@ def to_single(values: Floats) -> npt.NDArray[np.float32]:
 
 def _cross(a: Floats, b: Floats) -> Floats:
     """Return the cross product: three times as fast as numpy's, with what that checks."""
-    return a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT]
+    return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
 
 
 _NEXT = np.array([1, 2, 0])

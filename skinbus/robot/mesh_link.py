@@ -245,7 +245,8 @@ def _locate(chart: Flattening, points: Floats) -> tuple[Complex, Floats]:
     """Return the places s + ia (n,) m on a chart nearest to points (n, 3) m, and how far they are off."""
     triangle, weights = nearest_places(chart.part, points)
     z = (weights * chart.corners()[triangle]).sum(axis=1)
-    return chart.nearest_turn(z), np.linalg.norm(chart.part.at(triangle, weights) - points, axis=1)
+    off = np.linalg.norm(chart.part.at(triangle, weights) - points, axis=1)
+    return chart.nearest_turn(z), off
 
 
 def _around(geodesics: Geodesics, chart: Flattening, tactels: Floats) -> Floats:

@@ -78,13 +78,13 @@ def transfer(
     """
     x = np.asarray(xi, np.float64) * thickness
     if poisson is None:
-        return np.exp(-x) * (x + (not tangential))
+        return np.asarray(np.exp(-x) * (x + (not tangential)))
     n, m, kappa = 2.0 * (1.0 - poisson), 1.0 - 2.0 * poisson, 3.0 - 4.0 * poisson
     # hyperbolic functions divided by exp(x)
     c, s = 0.5 * (1.0 + np.exp(-2.0 * x)), -0.5 * np.expm1(-2.0 * x)
     above = n * (m * s + x * c if tangential else n * c + x * s)
     below = (n * n + x * x) * np.exp(-2.0 * x) + kappa * s * s
-    return np.exp(-x) * above / below
+    return np.asarray(np.exp(-x) * above / below)
 
 
 def wave_numbers(longest: float, depth: float) -> tuple[Floats, Floats]:

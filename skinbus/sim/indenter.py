@@ -73,7 +73,7 @@ class Indenter(NamedTuple):
         small = q < 1e-3
         safe = np.where(small, 1.0, q)
         exact: Floats = 8.0 * jv(2, safe) / (safe * safe)
-        return np.where(small, 1.0 - q * q / 12.0, exact)
+        return np.asarray(np.where(small, 1.0 - q * q / 12.0, exact))
 
 
 def disc_average(x: npt.ArrayLike) -> Floats:

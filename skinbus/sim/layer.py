@@ -136,4 +136,4 @@ def seen_from(point: Floats, normal: Floats, along: Floats, points: Floats, norm
     arc = length / np.sinc(np.arcsin(sine) / np.pi)
     x, y = unit @ along, unit @ np.cross(normal, along)
     flat = np.maximum(np.hypot(x, y), 1e-12)
-    return np.stack([arc * x / flat, arc * y / flat], -1)
+    return np.asarray(np.stack([arc * x / flat, arc * y / flat], -1))

@@ -55,7 +55,8 @@ class Sampler:
         really_s = t_s
         for shift in self._steps[Stage.TIME]:
             really_s = shift(really_s)
-        if not (self._press(really_s) or self._changes):
+        pressed = self._press(really_s)
+        if not (pressed or self._changes):
             return
         signal = self.pressures
         for step in (*self._steps[Stage.LAYER], *self._steps[Stage.TACTEL]):

@@ -106,7 +106,8 @@ class World(Core):
 
     def scene_time(self, t_ns: int) -> float:
         """Return the scene time at a bus time (s): that of the latest SYNC up to then."""
-        return self._scene_s(self.n_samples - len(self._times) + bisect_right(self._times, t_ns) - 1)
+        index = bisect_right(self._times, t_ns)
+        return self._scene_s(self.n_samples - len(self._times) + index - 1)
 
     def _scene_s(self, sample: int) -> float:
         return max(0, sample) / self.scene.arm.bus.rate_hz % self._repeat_s

@@ -214,7 +214,7 @@ class ListenCore(Core):
         return records
 
     def _is_sending(self, now_ns: int) -> Mask:
-        return (self._fresh_ns > 0) & (now_ns - self._fresh_ns <= self._silent_ns)
+        return np.asarray((self._fresh_ns > 0) & (now_ns - self._fresh_ns <= self._silent_ns))
 
     def _request(self, now_ns: int, frames: Frames) -> list[Frame]:
         """Return what goes on of the transfers that the program asked for, one at a time."""

@@ -278,7 +278,8 @@ class SharedReader(_Mapped):
             newest = self.newest
             if newest < max(number, 1):
                 return None
-            if (data := self.read(max(number, newest - SLOTS + 1 + margin, 1))) is not None:
+            oldest = max(number, newest - SLOTS + 1 + margin, 1)
+            if (data := self.read(oldest)) is not None:
                 return data
         raise ShareError(f"shared memory {self._name!r} holds no whole cycle")
 

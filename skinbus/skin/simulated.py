@@ -58,7 +58,8 @@ def simulate(
     def on_cycle(report: CycleReport) -> None:
         cycle = maker.make(master, report)
         # The patches sampled a little after the SYNC was sent, and well before the next.
-        cycle.truth = _truth(loaded, world.scene_time(report.t_ns + round(0.5e9 / arm.bus.rate_hz)))
+        half = round(0.5e9 / arm.bus.rate_hz)
+        cycle.truth = _truth(loaded, world.scene_time(report.t_ns + half))
         new.append(cycle)
 
     def cycles() -> Iterator[Cycle]:

@@ -230,7 +230,8 @@ class Skin:
 
     def _has_ended(self) -> bool:
         """Whether no more cycles will come; raises what has ended the source."""
-        return (self._feed.is_over or not self._finalizer.alive) and self._feed.get(self._next, 0.0) is None
+        is_over = self._feed.is_over or not self._finalizer.alive
+        return is_over and self._feed.get(self._next, 0.0) is None
 
     def _take(self, cycle: Cycle) -> Cycle:
         """Note that a cycle is handed over."""

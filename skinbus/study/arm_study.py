@@ -136,7 +136,8 @@ def measure_arm(
 
 def with_bits(arm: Arm, bits: int) -> Arm:
     """Return the arm with boards whose readings have 8 or 16 bits, everything else as it is."""
-    names = NARROW_EDS if bits == 8 else {narrow: eds for eds, narrow in NARROW_EDS.items()}
+    wide = {narrow: eds for eds, narrow in NARROW_EDS.items()}
+    names = NARROW_EDS if bits == 8 else wide
     patches = []
     for placed in arm.patches:
         transducer = Transducer(full_scale=placed.patch.transducer.full_scale, bits=bits)
@@ -248,7 +249,7 @@ def cycle_error(surface: Surface, touches: Floats, s: Floats, a: Floats, n_found
         n_found: number of contacts on all links.
         pitch: what a wrong count costs, m.
     """
-    d = surface.distance(touches[:, :1], touches[:, 1:2], s, a)
+    d = np.asarray(surface.distance(touches[:, :1], touches[:, 1:2], s, a))
     rows, columns = linear_sum_assignment(np.minimum(d, 10.0 * GATE))
     near = d[rows, columns] <= GATE
     errors = d[rows[near], columns[near]].tolist()

@@ -22,6 +22,7 @@ def contact_table(contacts: Iterable[Contact]) -> Table:
         table.add_column(name, justify="left" if name in ("state", "link") else "right")
     table.add_column("", width=BAR_WIDTH)
     for row in contacts:
+        bar = Text("█" * min(BAR_WIDTH, round(BAR_WIDTH * row.force / FORCE_BAR_N)), style="green")
         table.add_row(
             str(row.id),
             row.state.name.lower(),
@@ -29,6 +30,6 @@ def contact_table(contacts: Iterable[Contact]) -> Table:
             f"{row.s * 1e3:.1f}",
             f"{row.a * 1e3:.1f}",
             f"{row.force:.2f}",
-            Text("█" * min(BAR_WIDTH, round(BAR_WIDTH * row.force / FORCE_BAR_N)), style="green"),
+            bar,
         )
     return table

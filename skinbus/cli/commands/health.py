@@ -42,7 +42,8 @@ def command(arm: str, state: Path) -> None:
       skinbus doctor health my-arm.toml --state my-arm.state
     """
     loaded, console = load_arm(arm), Console()
-    found = list(check_health(loaded, load_health(loaded, state)))
+    boards = load_health(loaded, state)
+    found = list(check_health(loaded, boards))
     for what, advice in found:
         console.print(f"{what}\n  -> {advice}" if advice else what, style="yellow" if advice else "")
     sys.exit(1 if any(advice for _, advice in found) else 0)

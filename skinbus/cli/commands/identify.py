@@ -88,7 +88,8 @@ def boards_on(place: BusAddress, part: Arm, say: Say) -> Unplaced:
     run_to_end(scanner, place, say)
     scanner.other_master.refuse(str(place))
     bench = unplaced(scanner.nodes.values(), part)
-    for n in scanner.nodes if bench is None else bench.strangers:
+    strangers = scanner.nodes if bench is None else bench.strangers
+    for n in strangers:
         is_silent = len(scanner.nodes[n].numbers) < len(NUMBERS)
         why = "answered no SDO request, or not all" if is_silent else "of no kind that the arm file has"
         say(f"node {n}: {why}; left out", style="yellow")
@@ -113,7 +114,8 @@ def talk(dialogue: Identification, arm: Arm, place: BusAddress, console: Console
 
     def go_on() -> None:
         while cycles and not dialogue.is_over:
-            for text in dialogue.step(*cycles.popleft(), [typed.popleft() for _ in range(len(typed))]):
+            answers = [typed.popleft() for _ in range(len(typed))]
+            for text in dialogue.step(*cycles.popleft(), answers):
                 say(text)
 
     with Host(master, [place], say=say) as host:

@@ -97,7 +97,8 @@ def fault_of(board: Located, scatter: float) -> str:
     if 2 * len(board.outliers) >= len(board.used):
         return f"its presses fit no place: {right}"
     if board.is_turned:
-        return f"it is turned by {math.degrees(board.shift[2]):.0f} deg: say so in the arm file (yaw_deg)"
+        turn = math.degrees(board.shift[2])
+        return f"it is turned by {turn:.0f} deg: say so in the arm file (yaw_deg)"
     if (shift := math.hypot(*board.shift[:2])) > MAX_SHIFT:
         fits = f"its presses fit {1e3 * shift:.0f} mm from its place, more than boards are mounted off"
         return f"{fits}: correct its place in the arm file, or node_id in the presses (see `scan identify`)"
@@ -119,7 +120,8 @@ def remarks(board: Located, fault: str, rows: Sequence[Press]) -> Iterator[str]:
 
 def place_of(arm: Arm, board: Located) -> dict[str, Any]:
     """Return the place of a board as an arm file has it."""
-    place = keys_of(arm.links[arm.patches[board.patch].link].surface, board.s, board.a)
+    surface = arm.links[arm.patches[board.patch].link].surface
+    place = keys_of(surface, board.s, board.a)
     if "yaw" not in board.unknown:
         place["yaw_deg"] = math.degrees(board.yaw)
     return {key: round(value, 3) for key, value in place.items()}

@@ -55,7 +55,8 @@ def list_(names: tuple[str, ...]) -> None:
             rows = [(one.name, _shown(one), one.metadata["description"]) for one in fields(cls)]
             console.table(("parameter", "default", "what"), rows, f"\n{name} ({stage}): {_about(cls)}")
     if not names:
-        console.table(("scene", "what it shows"), [(name, load_scene(name).title) for name in scene_names()])
+        scenes = [(name, load_scene(name).title) for name in scene_names()]
+        console.table(("scene", "what it shows"), scenes)
         parts = [(name, stage, _about(cls)) for name, stage, cls in items]
         console.table(("name", "acts on", "what"), parts, "\nLayers and effects, in the order of physics")
 

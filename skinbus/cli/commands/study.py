@@ -14,11 +14,12 @@ from skinbus.errors import extra_wanted
 
 def _out(name: str) -> Any:
     """Return --out, a folder."""
+    kind = click.Path(file_okay=False, path_type=Path)
     return click.option(
         "--out",
         "folder",
         default=name,
-        type=click.Path(file_okay=False, path_type=Path),
+        type=kind,
         help="Folder for figures (SVG) and tables (CSV).",
     )
 

@@ -87,7 +87,8 @@ def write(cycles: Iterable[RecordedCycle], file: Path, arm: Arm, about: dict[str
             before = SceneEntityDeletion(timestamp=stamp, type=SceneEntityDeletionType.All, id="")
             entities = [_line(contact, begin_of[contact.link]) for contact in cycle.contacts]
             lines.log(SceneUpdate(deletions=[before], entities=entities), log_time=t_ns)
-            values.log({"cycle": cycle.number, "contacts": [*map(values_of, cycle.contacts)]}, log_time=t_ns)
+            contacts = [*map(values_of, cycle.contacts)]
+            values.log({"cycle": cycle.number, "contacts": contacts}, log_time=t_ns)
 
 
 def _line(contact: Contact, begin: float) -> SceneEntity:

@@ -87,7 +87,8 @@ class Rule(NamedTuple):
 
 def load_rules() -> Iterator[Rule]:
     """Yield the rules of the table."""
-    for block in Path(__file__).with_suffix(".txt").read_text(encoding="utf-8").split("\n# ")[1:]:
+    text = Path(__file__).with_suffix(".txt").read_text(encoding="utf-8")
+    for block in text.split("\n# ")[1:]:
         head, *steps = block.strip().split("\n")
         name, section, what, needs = (part.strip() for part in head.split("|"))
         yield Rule(name, section, what, frozenset(needs.split()), steps)

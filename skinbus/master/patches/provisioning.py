@@ -343,7 +343,8 @@ def _compare(values: Mapping[tuple[int, int], bytes], skipped: tuple[int, ...] =
     """Return which values that a patch holds differ; those that it aborts with a ``skipped`` code do not."""
     changes = []
     for (index, sub), new in values.items():
-        reply = yield from _ask(f"read 0x{index:04X}:{sub:02X}", index, sub, tolerates=(*NO_VALUE, *skipped))
+        tolerates = (*NO_VALUE, *skipped)
+        reply = yield from _ask(f"read 0x{index:04X}:{sub:02X}", index, sub, tolerates=tolerates)
         if reply.abort and reply.abort in skipped:
             continue
         old = None if reply.abort else reply.data

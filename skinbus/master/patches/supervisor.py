@@ -156,7 +156,8 @@ class PatchMonitor:
     def _report(self, now_ns: int, kind: EventKind, patches: int | Mask, detail: str = "") -> None:
         """Report an event of one patch, or of all in a mask."""
         for p in np.flatnonzero(patches) if isinstance(patches, np.ndarray) else (patches,):
-            self._events.append(Event(now_ns, kind, node_id=self._plans[p].node_id, detail=detail))
+            node_id = self._plans[p].node_id
+            self._events.append(Event(now_ns, kind, node_id=node_id, detail=detail))
 
     def _taken(self) -> Output:
         """Return what is to be sent, and events, since the last call."""

@@ -230,7 +230,8 @@ class Delay(TrafficEffect):
 
 class _Lose(FrameStep):
     def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
-        frames[:] = [frame for frame in frames if next(self.draws[frame.can_id]) >= self.effect.probability]
+        p = self.effect.probability
+        frames[:] = [frame for frame in frames if next(self.draws[frame.can_id]) >= p]
 
 
 @settings

@@ -79,9 +79,9 @@ class Poses:
 
 def placed(X: Floats, points: npt.NDArray[np.floating]) -> Floats:
     """Return points (..., 3) in the frame that X (4, 4) leads to."""
-    return points @ X[:3, :3].T + X[:3, 3]
+    return np.asarray(points @ X[:3, :3].T + X[:3, 3])
 
 
 def turned(X: Floats, vectors: npt.NDArray[np.floating]) -> Floats:
     """Return directions (..., 3) in the frame that X (4, 4) leads to."""
-    return vectors @ X[:3, :3].T
+    return np.asarray(vectors @ X[:3, :3].T)

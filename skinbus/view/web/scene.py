@@ -163,7 +163,8 @@ class SceneNodes:
             self._place(node, X)
         if self._bones.visible:
             self._bones.points = self._poses.bones.astype(np.float32)
-            self._bones.colors = np.tile(colours.for_instances(colours.ROBOT), (len(self._poses.bones), 2, 1))
+            grey = colours.for_instances(colours.ROBOT)
+            self._bones.colors = np.tile(grey, (len(self._poses.bones), 2, 1))
         if self._robot is not None:
             self._robot.update_cfg(self._poses.joints)
 
