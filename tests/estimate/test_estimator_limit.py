@@ -26,7 +26,6 @@ from tests.skins import DRAWS, PAD, cone_forearm
 )
 def test_contacts_are_counted_and_reach_the_bound(arm, level, draw, n, right, ratio):
     found = run(Estimator(arm, level), DRAWS[draw], 400, np.random.default_rng(n))
-    print(f"seed {n}", found)
     assert found.right >= right
     assert max(found.place, found.force) <= ratio * SLACK
 
@@ -38,7 +37,6 @@ def test_contacts_are_counted_and_reach_the_bound(arm, level, draw, n, right, ra
 )
 def test_reported_covariance_is_neither_proud_nor_shy(arm, draw, level):
     found = run(Estimator(arm, level), DRAWS[draw], 2500, np.random.default_rng(6))
-    print("seed 6", found.nees)
     assert found.nees == pytest.approx(1.0, rel=0.1)
 
 

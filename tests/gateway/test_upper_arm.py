@@ -63,5 +63,4 @@ def test_contacts_of_the_gateway_are_as_true_as_those_of_canopen_patches(scene):
     wires.attach(Gateway(found, arm, ods_of(arm)))
     wires.wires[1].attach(Double(found, arm, scene))
     gateway = errors(scene, wires, wires.wires[0])
-    print(canopen, gateway)
     assert (gateway < 1.2 * canopen + (0.1e-3, 0.25)).all()

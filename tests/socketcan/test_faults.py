@@ -83,7 +83,6 @@ def test_interface_down_and_up_ten_times_in_the_middle_of_a_press(skin, channel)
         frames = drain(skin.observer)
         assert_nothing_stale(frames)
         memory.append(resident_kb())
-    print("resident kB:", memory)
     assert EmcyCode.BUS_OFF_RECOVERED in history(skin)
     assert memory[-1] - memory[4] < 2048
     assert skin.kinds().count(EventKind.BUS_LOST) == skin.kinds().count(EventKind.BUS_BACK) == 10
@@ -192,7 +191,6 @@ def test_loss_while_the_reader_stands_still_is_published_to_the_frame(tmp_path, 
         told = sum(frames_published(skin)) - before
         n_cycle = 4 * (skin.n_reports + 1)  # what the patch itself sent
         assert EmcyCode.CAN_OVERRUN in history(skin)
-        print("sent", n_sent, "told", told, "dropped by the kernel", n_overflow)
         assert 0 < n_overflow < n_sent
         assert n_sent <= told <= n_sent + n_cycle
 
