@@ -6,6 +6,7 @@ With `--faults N` it plays so many random faults instead, with `--quiet S` so ma
 
 import argparse
 import tempfile
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from tests.bench.guard_trials import ARMS, Trials, play_faults, play_quiet
 from tests.guard.rig import MS
 
 N_RANDOM, N_AT_ONCE, N_WORST = 200, 20, 40
+SLICE = 1000
 COLOURS = {"one, at any time": "tab:blue", "24 at once": "tab:green", "worst phase": "tab:red"}
 FIGURE = Path("docs/figures/guard.svg")
 
@@ -56,11 +58,21 @@ def main(folder):
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--faults", type=int)
+    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--quiet", type=float)
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         if asked.faults:
-            print("faults, crossings, wrong:", *play_faults(Path(name), asked.faults))
+            print("seed; faults and crossings so far; what was wrong")
+            n_faults = n_crossings = 0
+            for seed in count(asked.seed):
+                if n_faults >= asked.faults:
+                    break
+                n, n_crossed, wrong = play_faults(Path(name), SLICE, seed)
+                n_faults, n_crossings = n_faults + n, n_crossings + n_crossed
+                print(
+                    f"seed {seed}: {n_faults} faults, {n_crossings} crossings", *wrong, sep="\n  ", flush=True
+                )
         elif asked.quiet:
             print("samples, largest, stop:", *play_quiet(Path(name), asked.quiet))
         else:

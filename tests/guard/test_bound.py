@@ -16,11 +16,9 @@ def test_the_bound_is_kept_and_not_much_more_than_the_worst(tmp_path, name):
     assert trials.bound_ns < 2_000_000
 
 
-@pytest.mark.parametrize(("n", "seed"), [(100, 0), (36, 102)])
-def test_what_is_pressed_too_hard_while_it_guards_is_a_stop_in_time_whatever_fails(tmp_path, n, seed):
-    """The last of the second: limits are written to a patch that the master waits to boot."""
-    _, n_crossings, wrong = play_faults(tmp_path, n, seed)
-    assert n_crossings > n / 2
+def test_what_is_pressed_too_hard_while_it_guards_is_a_stop_in_time_whatever_fails(tmp_path):
+    _, n_crossings, wrong = play_faults(tmp_path, 400, 0)
+    assert n_crossings > 200
     assert not wrong
 
 

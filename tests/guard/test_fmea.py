@@ -161,6 +161,17 @@ def test_a_fault_is_a_stop_in_time(whole, name):
     assert whole.guard.phase is Phase.STOPPED, name
 
 
+def test_other_limits_of_a_patch_that_the_master_waits_to_boot_are_a_stop(whole):
+    """Its boot-up messages were somebody else's: it still guards, and the master does not know."""
+    whole.say(Frame(0x701, b"\0"))
+    whole.run(200)
+    whole.say(Frame(0x701, b"\0"))
+    whole.until_guarding()
+    write_limits(whole)
+    whole.run(SILENCE)
+    assert whole.guard.phase is Phase.STOPPED
+
+
 @pytest.mark.parametrize("name", UNSEEN)
 def test_what_is_listed_as_not_seen_is_no_stop(whole, name):
     UNSEEN[name](whole)

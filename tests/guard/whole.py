@@ -1,5 +1,6 @@
 """A guarded arm on the bit-exact bus: boards, master and guard are cores, and any may be broken."""
 
+from copy import deepcopy
 from functools import partial
 
 import numpy as np
@@ -15,7 +16,9 @@ from skinbus.node import Device, PatchHost, Sample
 from tests.guard.rig import GFC, MS, QUICK_STOP
 from tests.master.misbehaving import Wrapped
 
-LIVENESS_MS, KPA = 20, 30
+LIVENESS_MS, KPA, NEWTONS = 20, 30, 60
+AREA = 0.0125**2
+"""m2, of a tactel: 16 on 50 x 50 mm."""
 GUARD = f"""
 [guard]
 liveness_ms = {LIVENESS_MS}
@@ -23,7 +26,7 @@ liveness_ms = {LIVENESS_MS}
 name = "boards"
 patches = {{patches}}
 pressure_kpa = {KPA}
-force_n = 60
+force_n = {NEWTONS}
 source = "a test"
 """
 PLATE = """
@@ -88,25 +91,29 @@ class Whole:
         """When a board was first pressed beyond its limits while it guarded."""
         self.scans = [[] for _ in self.ods]
         """When each board has looked at its tactels, ns."""
+        self.seen = {}
+        self.beats = {}
+        """The last sign of life of the master on each bus."""
         self.boards = [self.board(p, 1e-3 * rng.uniform(5, 50)) for p in range(self.arm.n_patches)]
         self.ports = [self.wire(p).attach(board) for p, board in enumerate(self.boards)]
         self.master = Master(self.arm, level="kmeans")
         self.master_ports = self.wires.attach(self.master)
         self.frames, self.events = [], []
+        where = f"{buses[0].name}/" if len(buses) > 1 else ""
+        drive = [parse_stop(f"cia402:{where}100", self.arm)]
+        self.fresh = Guard(self.arm, self.arm.guard, self.ods, drive, acknowledges=True)
         self.plug = Plug(self.new_guard())
         self.guard_ports = self.wires.attach(self.plug, on_event=self.events.append)
         self.bus = self.wires.wires[0]
         for bus, wire in enumerate(self.wires.wires):
-            wire.tap(lambda frame, bus=bus: self.frames.append(frame._replace(bus=bus)))
+            wire.tap(partial(self.hear, bus))
 
     def board(self, p, boot_s=0.0):
         device = Device(self.ods[p], int(self.arm.node_id[p]), storage={})
         return Plug(PatchHost([device], partial(self.newest, p), [boot_s]))
 
     def new_guard(self):
-        where = f"{self.arm.buses[0].name}/" if len(self.arm.buses) > 1 else ""
-        drive = [parse_stop(f"cia402:{where}100", self.arm)]
-        return Guard(self.arm, self.arm.guard, self.ods, drive, acknowledges=True)
+        return deepcopy(self.fresh, {id(same): same for same in (self.arm, self.arm.guard)})
 
     @property
     def guard(self):
@@ -122,21 +129,29 @@ class Whole:
     def device(self, p):
         return self.boards[p].device.devices[0]
 
+    def hear(self, bus, frame):
+        self.frames.append(frame._replace(bus=bus))
+        if frame.can_id == 0x77F:
+            self.beats[bus] = self.frames[-1]
+
     def newest(self, p, now_ns):
         self.scans[p].append(now_ns)
-        own = self.arm.tactels_of(p)
         t_ns = now_ns - self.age_ns if self.frozen_ns is None else self.frozen_ns
-        return Sample(self.counts[own], np.array([t_ns]), self.healthy[own])
+        shown = self.counts, self.healthy
+        if p not in self.seen or self.seen[p][0] is not shown[0] or self.seen[p][1] is not shown[1]:
+            self.seen[p] = *shown, *(column[self.arm.tactels_of(p)] for column in shown)
+        counts, healthy = self.seen[p][2:]
+        return Sample(counts, np.array([t_ns]), healthy)
 
     def run(self, ms):
         self.wires.run(self.now_ns + round(ms * MS))
 
-    def until_guarding(self, ms=10):
+    def until_guarding(self, ms=10.0):
         """Let time pass until it has guarded for so long; return this."""
         since_ns = NEVER
         while self.now_ns < since_ns + ms * MS:
             assert self.now_ns < self.again_ns + 8000 * MS, f"does not guard: {self.events[-3:]}"
-            self.run(10)
+            self.run(1)
             if self.guard.phase is Phase.STOPPED:  # by what was broken before
                 self.renew()
             since_ns = NEVER if self.guard.phase is not Phase.GUARDING else min(since_ns, self.now_ns)
@@ -169,17 +184,21 @@ class Whole:
         self.renew()
 
     def renew(self):
-        """Let another guard wait until all are armed: it takes trips back."""
+        """Let another guard wait until all are armed: it takes trips back, and has heard of the master."""
         self.plug.device, self.crossed_ns = self.new_guard(), {}
+        self.guard.step(self.now_ns, [*self.beats.values()])
         del self.frames[:], self.events[:]
 
     def press(self, tactels, kpa):
         """Press on some tactels, too."""
         steps = np.array([placed.patch.transducer.step for placed in self.arm.patches])
+        steps = steps[self.arm.tactel_patch]
         self.counts = self.counts.copy()
-        self.counts[tactels] = np.rint(1e3 * kpa / steps[self.arm.tactel_patch[tactels]])
-        if kpa > KPA and self.guard.phase is Phase.GUARDING:
-            for p in np.unique(self.arm.tactel_patch[tactels]).tolist():
+        self.counts[tactels] = np.maximum(self.counts[tactels], np.rint(1e3 * kpa / steps[tactels]))
+        felt = (self.counts * steps).reshape(len(self.ods), -1)
+        is_beyond = (felt.max(axis=1) > 1e3 * KPA) | (AREA * felt.sum(axis=1) > NEWTONS)
+        if self.guard.phase is Phase.GUARDING:
+            for p in np.flatnonzero(is_beyond & self.arm.guarded).tolist():
                 self.crossed_ns.setdefault(p, self.now_ns)
 
     def gfc_ns(self):

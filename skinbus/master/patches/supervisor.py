@@ -263,8 +263,8 @@ class Supervisor(PatchMonitor):
                 code = code if code >= FIRST_ERROR else EmcyCode.GENERIC * (frame.data[2] > 0)
                 self._error(now_ns, p, code, frame.data[3:])
             elif base == cia.SDO_CLIENT_BASE and (what := foreign_write(frame.data, self._others)):
-                if not self.table.is_running[p]:
-                    self._silence(p)  # it may guard by limits that nobody knows
+                if not self.table.is_running[p]:  # it may, even so, and guard by limits that nobody knows
+                    self._command(p, NmtCommand.PRE_OPERATIONAL)
                 self._fall(now_ns, p, f"another client writes {what}", RETRY_NS)  # its requests might collide
         self._serve(now_ns)
         if now_ns >= self._due.min():
