@@ -15,6 +15,7 @@ from skinbus.gateway.receiver import Receiver
 from skinbus.model import Arm
 from skinbus.node import Device
 from skinbus.node.host import PatchHost
+from skinbus.objects.profile import GUARD_PERIOD_US, index_of, number_at
 
 CANOPEN = 0
 SKIN = 1
@@ -34,7 +35,8 @@ class Gateway(Core):
 
     Raises:
         ArgumentError: no patch has an address, one has an address that the format has not, two have the same,
-            or a board has another number of tactels than the format. All faults are listed.
+            a board has another number of tactels than the format, or a guarded one another period. All faults
+            are listed.
     """
 
     n_buses = 2
@@ -43,7 +45,7 @@ class Gateway(Core):
         self._format = found
         mine = [k for k, placed in enumerate(arm.patches) if placed.address is not None]
         self.addresses = [str(arm.patches[k].address) for k in mine]
-        self._check(arm, mine)
+        self._check(arm, ods, mine)
         self.receiver = Receiver(found, self.addresses)
         self.node_ids: list[int] = arm.node_id[mine].tolist()
         devices = [
@@ -108,7 +110,7 @@ class Gateway(Core):
         every = self._format.commands(tables, addresses)
         return [Frame(can_id, data, now_ns, bus=SKIN) for can_id, data in every]
 
-    def _check(self, arm: Arm, mine: Sequence[int]) -> None:
+    def _check(self, arm: Arm, ods: Sequence[ObjectDictionary], mine: Sequence[int]) -> None:
         faults = [] if mine else [f"no [[patch]] of {arm.name} has an address"]
         seen: dict[str, int] = {}
         for k, address in zip(mine, self.addresses, strict=True):
@@ -119,6 +121,14 @@ class Gateway(Core):
                 faults.append(f"node {placed.node_id}: {error}")
             if (n := placed.patch.n_tactels) != self._format.n_tactels:
                 faults.append(f"node {placed.node_id}: {n} tactels; wanted {self._format.n_tactels}")
+            period_us = round(1000 * self._format.period_ms)
+            if (
+                arm.guarded[k]
+                and (said := number_at(ods[k], *index_of(ods[k], GUARD_PERIOD_US))) != period_us
+            ):
+                faults.append(
+                    f"node {placed.node_id}: samples every {period_us} us; [2080sub4] of its EDS says {said}"
+                )
             if (other := seen.setdefault(address, placed.node_id)) != placed.node_id:
                 faults.append(f"node {placed.node_id}: address {address!r} is that of node {other}")
         if faults:

@@ -4,7 +4,7 @@ A patch is beyond the limits of the arm file when a tactel reads more than P, or
 pressure (areas as ``estimate.loads`` has them) is more than F. It compares counts::
 
     r_j > z_j + P_j / k_j                       k: Pa per count, gain included
-    sum_j w_j (r_j - z_j) > W                   z: counts at no pressure: offset and followed zero
+    sum_j w_j max(r_j - z_j, 0) > W             z: counts at no pressure: offset and followed zero
     w_j = W max_F (A_j / F) k_j                 W: so that the largest weight is MAX_WEIGHT
 
 P and F are those of the regions of a tactel, times their transient factors. Tactels of several regions on one
@@ -56,6 +56,7 @@ class Guarding:
         assert arm.guard
         self._arm, self._guard, self._own, self._table = arm, arm.guard, own, table
         self._zero, self._touched, self._faults = felt.zero, felt.touched, cycle.plausibility.faults
+        self._baseline, self._has_zero = cycle.baseline, np.zeros(arm.n_tactels, np.bool_)
         self._scale, self._full = cycle.scale, limit_of(arm)
         # Pa that each tactel may read, and what a pascal on it is of the force that may be
         self._most, self._share = np.full(arm.n_tactels, np.inf), np.zeros(arm.n_tactels)
@@ -68,6 +69,8 @@ class Guarding:
         self.indices = frozenset(index for index, _ in self._address)
         """Of the objects that hold the limits."""
         self._held = np.full(arm.n_tactels, np.nan)  # Pa, zeros by which limits were written
+        # whether patches are to hold limits, and whether they do, where that is known
+        self._may_guard, self._holds = np.zeros(arm.n_patches, np.bool_), np.full(arm.n_patches, np.nan)
         self.due: list[int] = []
         """Patches whose limits are to be written anew, since the last ``show``."""
         self._lacking, self._next_ns = np.zeros(len(self._address), np.bool_), 0
@@ -80,7 +83,8 @@ class Guarding:
         zero, most, share, limited, full, scale, offset = (column[here] for column in columns)
         unit = MAX_WEIGHT / max((share * scale).max(), 1e-300)
         weights = np.rint(unit * share * scale)
-        total = weights @ offset + min(unit + weights @ (zero / scale), weights @ (full / scale))
+        rest = np.clip(np.floor(offset + zero / scale), -0x8000, 0x7FFF)
+        total = weights @ (offset - rest) + min(unit + weights @ (zero / scale), weights @ (full / scale))
         limits = np.where(limited, offset + np.minimum(zero + most, full) / scale, NO_LIMIT)
         return GuardLimits(
             self._guard.n,
@@ -88,19 +92,23 @@ class Guarding:
             math.floor(total) if weights.any() else NO_SUM,
             np.floor(limits).astype(np.int64),
             weights.astype(np.int64),
+            rest.astype(np.int64),
         )
 
     def write(self, p: int) -> Script[None]:
-        """Write the limits of patch p and read them back, if it is to guard."""
-        here = self._arm.tactels_of(self._own.start + p)
+        """Write the limits of patch p and read them back, if it is to guard, or none if it may not."""
+        first = self._own.start
+        here, may = self._arm.tactels_of(first + p), bool(self._may_guard[first + p])
         if self._limited[here].any():
-            zero, self._held[here] = self._zero[here].copy(), np.nan
-            yield from write_back("guard limits", *self._address[p], self.limits(p).encode())
-            self._held[here] = zero
+            zero, self._holds[first + p] = self._zero[here].copy(), np.nan
+            yield from write_back("guard limits", *self._address[p], self.limits(p).encode() if may else b"")
+            self._holds[first + p] = may
+            if may:
+                self._held[here] = zero
 
     def forget(self) -> None:
         """Write all limits anew: somebody may have written others."""
-        self._held[:] = np.nan
+        self._holds[:] = np.nan
 
     def show(self, now_ns: int, device: Device) -> list[Event]:
         """Compare limits with zeros; report which patches do not guard, when others do not than before.
@@ -113,13 +121,15 @@ class Guarding:
         first, own, guarded = self._arm.patch_start[:-1], self._own, self._arm.guarded
         moved = self._zero - self._held
         share = np.abs(moved) / np.maximum(self._most, STEPS_LEAST * self._scale)
-        total = np.abs(np.add.reduceat(self._share * moved, first))
+        total = np.add.reduceat(self._share * np.abs(moved), first)
         off = np.maximum(total, np.maximum.reduceat(np.where(self._limited, share, 0.0), first))
         is_touched = np.logical_or.reduceat(self._touched != 0, first)
-        is_blind = np.logical_or.reduceat(self._limited & (self._faults != 0), first)
-        is_due = np.isnan(off) | ((off > FOLLOWED) & ~is_touched)
+        self._has_zero |= self._baseline.kept().zeroed
+        is_blind = np.logical_or.reduceat(self._limited & ((self._faults != 0) | ~self._has_zero), first)
+        self._may_guard[:] = may = ~is_blind & ~(is_touched & (off > DIFFERENT))
+        is_due = (self._holds != may) | (may & (off > FOLLOWED) & ~is_touched)
         self.due = np.flatnonzero((guarded & is_due)[own]).tolist()
-        lacking = (guarded & ~(self._table.is_running & (off <= DIFFERENT) & ~is_blind))[own]
+        lacking = (guarded & ~(self._table.is_running & (self._holds == may) & may & (off <= DIFFERENT)))[own]
         if np.array_equal(lacking, self._lacking):
             return []
         self._lacking = lacking

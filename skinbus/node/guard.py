@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import struct
 
+import numpy as np
+
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.node.context import Context, Part
@@ -110,7 +112,7 @@ class GuardService(Part):
 
     def _compare(self, limits: GuardLimits) -> None:
         over = self._readings > limits.limits
-        total = int(limits.weights @ self._readings)
+        total = int(limits.weights @ np.maximum(self._readings - limits.rest, 0))
         tactel = int(over.argmax()) + 1 if over.any() else 0
         is_beyond = tactel > 0 or total > limits.sum_limit
         self._beyond = (self._beyond << 1 | is_beyond) & (1 << MAX_SAMPLES) - 1

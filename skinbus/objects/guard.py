@@ -2,11 +2,13 @@
 
 The limits are one object, written whole, so that a patch never compares with half of them::
 
-    n U8 | m U8 | sum limit I32 | by tactel: limit I16 | by tactel: weight U16 | CRC-16-CCITT of it all U16
+    n U8 | m U8 | sum limit I32 | by tactel: limit I16 | by tactel: weight U16 | by tactel: rest I16
+    | CRC-16-CCITT of it all U16
 
 little-endian, in counts as the readings are sent. A sample is beyond them when the reading of a tactel is
-above its limit, or the sum of weight times reading above the sum limit. The guard trips when n of the
-last m samples are, the newest among them. The CRC has the generator 0x1021 and begins with 0, as that of
+above its limit, or the sum of weight times (reading - rest) of the tactels above their rest is above the sum
+limit: what reads less takes nothing from it. The guard trips when n of the last m samples are, the newest
+among them. The CRC has the generator 0x1021 and begins with 0, as that of
 0x13FF (EN 50325-5).
 """
 
@@ -31,8 +33,8 @@ GFC_ID = 0x001
 NO_LIMIT = 0x7FFF
 """Of a tactel: no reading is above it."""
 
-MAX_WEIGHT = 1023
-"""So large that the sum of 64 full readings fits 32 bits."""
+MAX_WEIGHT = 511
+"""So large that the sum of 64 full readings above the lowest rest fits 32 bits."""
 
 MAX_SAMPLES = 8
 """Largest m."""
@@ -60,16 +62,18 @@ class GuardLimits:
     """(n_tactels,) counts."""
     weights: Ints
     """(n_tactels,) 0..MAX_WEIGHT; a tactel with weight 0 and NO_LIMIT is not guarded."""
+    rest: Ints
+    """(n_tactels,) counts at no pressure, rounded down."""
 
     @staticmethod
     def size(n_tactels: int) -> int:
         """Return the number of bytes of the object."""
-        return _HEAD.size + 4 * n_tactels + 2
+        return _HEAD.size + 6 * n_tactels + 2
 
     def encode(self) -> bytes:
         """Return the bytes of the object."""
         body = _HEAD.pack(self.n, self.m, self.sum_limit)
-        body += self.limits.astype("<i2").tobytes() + self.weights.astype("<u2").tobytes()
+        body += np.array([self.limits, self.weights, self.rest]).astype("<i2").tobytes()
         return body + crc_hqx(body, 0).to_bytes(2, "little")
 
     @classmethod
@@ -84,11 +88,11 @@ class GuardLimits:
         if crc_hqx(data[:-2], 0) != int.from_bytes(data[-2:], "little"):
             raise ValueError("wrong checksum")
         n, m, sum_limit = _HEAD.unpack_from(data)
-        limits = np.frombuffer(data, "<i2", n_tactels, _HEAD.size).astype(np.int64)
-        weights = np.frombuffer(data, "<u2", n_tactels, _HEAD.size + 2 * n_tactels).astype(np.int64)
-        if not 1 <= n <= m <= MAX_SAMPLES or weights.max() > MAX_WEIGHT:
-            raise ValueError(f"{n} of {m} samples, weights up to {weights.max()}")
-        return cls(n, m, sum_limit, limits, weights)
+        columns = np.frombuffer(data, "<i2", 3 * n_tactels, _HEAD.size).reshape(3, -1).astype(np.int64)
+        most = (columns[1] & 0xFFFF).max()
+        if not 1 <= n <= m <= MAX_SAMPLES or most > MAX_WEIGHT:
+            raise ValueError(f"{n} of {m} samples, weights up to {most}")
+        return cls(n, m, sum_limit, *columns)
 
 
 def liveness_pdo(od: ObjectDictionary) -> PdoMap | None:

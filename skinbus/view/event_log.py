@@ -71,7 +71,7 @@ class EventLog:
         self._say, self._now, self._stamp = say, now, stamp
         self._names = tuple(map(printable, names)) if len(names) > 1 else ()
         self._new: deque[tuple[float, Event]] = deque(maxlen=MAX_WAITING)
-        self._groups: dict[tuple[int, str, str], tuple[float, set[int]]] = {}
+        self._groups: dict[tuple[int, str, str], tuple[float, list[int]]] = {}
         self._stretches: dict[tuple[int, str], _Stretch] = {}
 
     def take(self, event: Event) -> None:
@@ -83,13 +83,13 @@ class EventLog:
         """Say what is older than a moment, or everything at the end."""
         while self._new:
             t, event = self._new.popleft()
-            group = self._groups.setdefault((event.bus, str(event.kind), event.detail), (t, set()))
-            group[1].update({event.node_id} - {0})
+            group = self._groups.setdefault((event.bus, str(event.kind), event.detail), (t, []))
+            group[1].append(event.node_id)
         now = self._now()
-        for key, (since, node_ids) in list(self._groups.items()):
+        for key, (since, senders) in list(self._groups.items()):
             if all_of_it or now - since >= MOMENT_S:
                 del self._groups[key]
-                bus, kind, detail = key
+                (bus, kind, detail), node_ids = key, set(senders) - {0}
                 stretch = self._stretches.setdefault((bus, kind), _Stretch(since))
                 what = {(detail, node_id) for node_id in node_ids or {0}}
                 is_known = what <= stretch.said
@@ -99,7 +99,7 @@ class EventLog:
                     stretch.said |= what
                     self._line(since, bus, kind, node_ids, detail)
                 else:
-                    stretch.n_more += 1
+                    stretch.n_more += len(senders)
                     stretch.more |= node_ids
         for (bus, kind), stretch in list(self._stretches.items()):
             if all_of_it or now - stretch.since >= stretch.length:

@@ -6,7 +6,6 @@ With `--faults N` it plays so many random faults instead, with `--quiet S` so ma
 
 import argparse
 import tempfile
-from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -36,17 +35,10 @@ def main(folder):
             bound = trials.bound_ns / MS
             for kind, times in kinds.items():
                 ms = np.array(times) / MS
-                (gfc, stop, told), worst = np.median(ms, axis=0), ms.max(axis=0)
-                assert worst[0] <= bound
+                assert ms[:, 0].max() <= bound
                 load = max(plan.cyclic_load for plan in trials.plans)
-                print(
-                    f"{name}, {rate_hz} Hz, load {load:.2f}, {len(ms)} {kind}: GFC {gfc:.3f}, {worst[0]:.3f};"
-                )
-                print(
-                    f"  bound {bound:.3f}, {bound / worst[0]:.2f} of it; stop {stop:.3f}, {worst[1]:.3f};",
-                    end=" ",
-                )
-                print(f"request {told:.2f}, {worst[2]:.2f}", flush=True)
+                print(f"{name}, {rate_hz} Hz, load {load:.2f}, bound {bound:.3f}, {kind}:", end=" ")
+                print(np.median(ms, axis=0).round(2), ms.max(axis=0).round(2), flush=True)
                 label = kind if rate_hz == 50.0 else None
                 axes.ecdf(ms[:, 0], label=label, color=COLOURS[kind], ls="-" if label else "--")
         axes.axvline(bound, color="k", label="bound")
@@ -58,21 +50,14 @@ def main(folder):
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--faults", type=int)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=0, help="of the first 1000 trials")
     parser.add_argument("--quiet", type=float)
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         if asked.faults:
-            print("seed; faults and crossings so far; what was wrong")
-            n_faults = n_crossings = 0
-            for seed in count(asked.seed):
-                if n_faults >= asked.faults:
-                    break
-                n, n_crossed, wrong = play_faults(Path(name), SLICE, seed)
-                n_faults, n_crossings = n_faults + n, n_crossings + n_crossed
-                print(
-                    f"seed {seed}: {n_faults} faults, {n_crossings} crossings", *wrong, sep="\n  ", flush=True
-                )
+            print("seed, faults, crossings, wrong:")
+            for seed in range(asked.seed, asked.seed + asked.faults // SLICE):
+                print(seed, *play_faults(Path(name), SLICE, seed), flush=True)
         elif asked.quiet:
             print("samples, largest, stop:", *play_quiet(Path(name), asked.quiet))
         else:

@@ -48,6 +48,8 @@ the readings of a cycle."""
 LATE = {
     "readings are lost on the wire": 0,
     "a node babbles": 0,
+    "a tactel is out, and others of its patch are pressed": 0,
+    "a tactel is out, and the master notices": 0,
     "the guard process is ended": 0,
     "what stops the robot does not answer": 0,
     "the master dies": 0,
@@ -171,7 +173,8 @@ def play_faults(folder, n, seed=0):
         for p, at_ns in whole.crossed_ns.items():
             if stopped_ns > at_ns + BOUND_NS + extra_ns:
                 wrong.append(f"trial {k}, {names}, board {p + 1}: {(stopped_ns - at_ns) / MS:.2f} ms")
-        if stopped_ns < NEVER and not (late or names or whole.crossed_ns):
+        is_odd = not (late or names or whole.crossed_ns or whole.guard.reason == "master silent")
+        if stopped_ns < NEVER and is_odd:
             wrong.append(f"trial {k}: {whole.guard.reason}")
     return n_faults, n_crossings, wrong
 
@@ -179,7 +182,7 @@ def play_faults(folder, n, seed=0):
 def press_any(whole, rng):
     """Press on a tactel or a whole board, more or less than it may be."""
     if rng.random() < 0.5:
-        whole.press(rng.integers(32, size=1), KPA + rng.choice([-0.7, 0.7, 15.0]))
+        whole.press(rng.integers(6, 32, size=1), KPA + rng.choice([-0.7, 0.7, 15.0]))
     else:  # areas by which forces are summed are known to a few percent
         share = rng.choice([0.9, 1.01, 1.2])
         whole.press(16 * rng.integers(2) + np.arange(16), share * 1e-3 * NEWTONS / 16 / AREA)

@@ -63,7 +63,7 @@ class Code:
         for name, result in (
             *(("library_size", c.c_size_t), ("library_init", c.c_void_p)),
             *((name, c.c_uint32) for name in ("sb_get", "library_state", "sb_poll")),
-            *((name, c.c_bool) for name in ("sb_request", "sb_error", "sb_error_end", "sb_set")),
+            *((name, c.c_bool) for name in ("sb_request", "sb_error", "sb_error_end", "sb_set", "sb_guards")),
         ):
             getattr(library, name).restype = result
 
@@ -125,8 +125,15 @@ class FirmwareDevice(Core):
     def dropped(self):
         return self.library.library_state(self._at) >> 16
 
-    runs_freely = guards = False
-    """The shipped boards send on SYNC, and look at their samples by themselves."""
+    runs_freely = False
+    """The shipped boards send on SYNC."""
+
+    @property
+    def guards(self):
+        return self.library.sb_guards(self._at)
+
+    def sampled(self, age_ns):
+        """The firmware looks at its samples by itself."""
 
     @property
     def cob_ids(self):

@@ -86,8 +86,9 @@ class Traffic:
         rng, n = self.rng, self.n_tactels
         limits, weights = rng.choices((20, 60, 100, NO_LIMIT), k=n), rng.choices((0, 0, 1, 3), k=n)
         m = rng.choice((1, 1, 1, 2, 4, 8, 9))
+        rest = np.array(rng.choices((0, -20, 9), k=n))
         total = rng.choice((300, 2**31 - 1))
-        made = GuardLimits(rng.randint(1, m), m, total, np.array(limits), np.array(weights)).encode()
+        made = GuardLimits(rng.randint(1, m), m, total, np.array(limits), np.array(weights), rest).encode()
         data = bytearray(made[: rng.choice((len(made),) * 9 + (0, 3))])
         if data and not rng.randrange(9):
             data[rng.randrange(len(data))] ^= 1

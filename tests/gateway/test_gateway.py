@@ -11,6 +11,7 @@ from skinbus.gateway.frame_format import load_format
 from skinbus.gateway.gateway import Gateway
 from skinbus.master import Master
 from tests.gateway.doubles import Double, write_scene
+from tests.guard.rig import first_patches
 from tests.master.rig import since
 
 MS = 1_000_000
@@ -160,3 +161,12 @@ def test_an_arm_that_does_not_fit_the_format_is_refused(tmp_path, addresses, col
     arm = write_scene(tmp_path, addresses, columns, 2).arm
     with pytest.raises(ArgumentError, match=message):
         Gateway(load_format("icub-mtb4"), arm, ods_of(arm))
+
+
+def test_a_guarded_board_whose_eds_says_another_period_than_that_of_its_samples_is_refused(tmp_path):
+    found, arm = load_format(MTB4[0]), first_patches(write_scene(tmp_path, *MTB4[1:]).arm, force=10.0)
+    ods = ods_of(arm)
+    with pytest.raises(ArgumentError, match=r"^node 1: samples every 50000 us; .* of its EDS says 1000$"):
+        Gateway(found, arm, ods)
+    ods[0][0x2080][4].default = 50_000
+    Gateway(found, arm, ods)

@@ -16,7 +16,7 @@ from tests.master.misbehaving import Tool
 PAGE = Path(__file__).parents[2] / "docs/guard.md"
 TRIP, SILENCE, MASTER_DIES = 2, LOST // MS + 2, 1252
 """ms: after a press, the last sign of life of a patch, and the last one of the master."""
-OTHER = GuardLimits(1, 1, 2**31 - 1, np.full(16, 32767), np.ones(16, int)).encode()
+OTHER = GuardLimits(1, 1, 2**31 - 1, np.full(16, 32767), *np.ones((2, 16), int)).encode()
 """Limits that nothing exceeds."""
 
 
@@ -105,6 +105,12 @@ def kill(whole):
     press(whole)
 
 
+def low(whole, kpa=0.0):
+    """Tactel 5 reads as low as it can; the others are pressed."""
+    whole.press(np.arange(16), kpa)
+    whole.counts = np.where(np.arange(48) == 5, -0x8000, whole.counts)
+
+
 def dead(whole):
     """Tactel 3 reads nothing, whatever presses on it."""
     whole.press([3], 0.0)
@@ -117,6 +123,8 @@ SEEN = {
     "a tactel is said to be unhealthy": (unhealthy, TRIP),
     "the source of readings is frozen": (freeze, 5),
     "samples are old": (age, TRIP),
+    "a tactel is out, and others of its patch are pressed": (lambda w: low(w, 29.0), TRIP),
+    "a tactel is out, and the master notices": (low, 2000),
     "a patch loses power, or its cable": (no_power, SILENCE),
     "a patch goes bus-off": (bus_off, SILENCE),
     "somebody resets a patch": (lambda w: w.say(Frame(0, b"\x81\x01")), SILENCE),

@@ -91,7 +91,6 @@ class Whole:
         """When a board was first pressed beyond its limits while it guarded."""
         self.scans = [[] for _ in self.ods]
         """When each board has looked at its tactels, ns."""
-        self.seen = {}
         self.beats = {}
         """The last sign of life of the master on each bus."""
         self.boards = [self.board(p, 1e-3 * rng.uniform(5, 50)) for p in range(self.arm.n_patches)]
@@ -136,12 +135,9 @@ class Whole:
 
     def newest(self, p, now_ns):
         self.scans[p].append(now_ns)
+        own = self.arm.tactels_of(p)
         t_ns = now_ns - self.age_ns if self.frozen_ns is None else self.frozen_ns
-        shown = self.counts, self.healthy
-        if p not in self.seen or self.seen[p][0] is not shown[0] or self.seen[p][1] is not shown[1]:
-            self.seen[p] = *shown, *(column[self.arm.tactels_of(p)] for column in shown)
-        counts, healthy = self.seen[p][2:]
-        return Sample(counts, np.array([t_ns]), healthy)
+        return Sample(self.counts[own], np.array([t_ns]), self.healthy[own])
 
     def run(self, ms):
         self.wires.run(self.now_ns + round(ms * MS))
@@ -191,11 +187,10 @@ class Whole:
 
     def press(self, tactels, kpa):
         """Press on some tactels, too."""
-        steps = np.array([placed.patch.transducer.step for placed in self.arm.patches])
-        steps = steps[self.arm.tactel_patch]
+        step = self.arm.patches[0].patch.transducer.step
         self.counts = self.counts.copy()
-        self.counts[tactels] = np.maximum(self.counts[tactels], np.rint(1e3 * kpa / steps[tactels]))
-        felt = (self.counts * steps).reshape(len(self.ods), -1)
+        self.counts[tactels] = np.maximum(self.counts[tactels], round(1e3 * kpa / step))
+        felt = step * self.counts.reshape(-1, 16)
         is_beyond = (felt.max(axis=1) > 1e3 * KPA) | (AREA * felt.sum(axis=1) > NEWTONS)
         if self.guard.phase is Phase.GUARDING:
             for p in np.flatnonzero(is_beyond & self.arm.guarded).tolist():

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from skinbus.can.event import Event, EventKind
+from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master import Master
 from skinbus.master.guarding import DIFFERENT, Guarding
@@ -91,7 +92,9 @@ def guarding_of(folder, text, zeros):
 
 def is_beyond(limits, readings):
     """What a patch decides of samples (n, n_tactels)."""
-    return (readings > limits.limits).any(axis=1) | (readings @ limits.weights > limits.sum_limit)
+    return (readings > limits.limits).any(axis=1) | (
+        np.maximum(readings - limits.rest, 0) @ limits.weights > limits.sum_limit
+    )
 
 
 @pytest.mark.parametrize("second", ["", SECOND])
@@ -106,7 +109,7 @@ def test_counts_exceed_limits_where_pressures_and_forces_do(tmp_path, second):
         scale, zero = board.transducer.step * board.gain, zeros[here]
         # from one tactel that is pressed to a whole board
         pressed = rng.uniform(0.0, 1.0, (4000, 16)) ** rng.uniform(0.2, 20.0, (4000, 1))
-        counts = np.rint((rng.uniform(0.0, 1e5, (4000, 1)) * pressed + zero) / scale + board.offset)
+        counts = np.rint((rng.uniform(0.0, 1.2e5, (4000, 1)) * pressed + zero) / scale + board.offset)
         counts = np.minimum(counts, board.transducer.top_counts)
         felt = ((counts - board.offset) * scale - zero) * arm.tactel_healthy[here]
         total, peak = np.zeros((4000, 16)), np.zeros(4000)
@@ -114,7 +117,7 @@ def test_counts_exceed_limits_where_pressures_and_forces_do(tmp_path, second):
             peak = np.maximum(peak, (felt * inside[here]).max(axis=1) / pressure)
             # regions share the sum of a patch, so that both together may exceed it
             total = np.maximum(total, areas[here] * felt * inside[here] / force)
-        rounding = 0.5 / 1023 / 100 * np.abs(counts - board.offset).sum(axis=1)
+        rounding = 0.5 / 511 / 100 * np.abs(counts - board.offset).sum(axis=1)
         clear = (np.abs(total.sum(axis=1) - 1.0) > rounding) & (np.abs(peak - 1.0) > 1e-9)
         wanted = (total.sum(axis=1) > 1.0) | (peak > 1.0)
         np.testing.assert_array_equal(is_beyond(guarding.limits(p), counts)[clear], wanted[clear])
@@ -127,7 +130,7 @@ def test_limits_that_zeros_move_beyond_full_scale_are_full_scale(tmp_path):
     for p, full in ((0, 0x7FF0), (1, 0x7F)):
         limits, readings = guarding.limits(p), np.full((1, 16), full)
         assert ((limits.limits < full) == (limits.weights > 0)).all()
-        assert readings @ limits.weights > limits.sum_limit
+        assert is_beyond(limits, readings)
 
 
 def test_a_tactel_at_full_scale_is_beyond_a_limit_of_force(tmp_path):
@@ -146,7 +149,7 @@ def rig(tmp_path):
 
 
 def held(rig, node_id):
-    return rig.device(node_id).get(0x2081, 0)
+    return rig.device(node_id).get(0x2081, 0) or None
 
 
 def news(rig, ms):
@@ -155,19 +158,23 @@ def news(rig, ms):
     return [event.detail for event in rig.run(ms)[1] if event.kind in kinds]
 
 
-def test_limits_are_there_before_a_patch_starts(rig, tmp_path):
+def test_limits_are_there_from_the_first_zero_of_a_patch_on_and_then_before_it_starts(rig, tmp_path):
     wanted = guarding_of(tmp_path, ARM, 0.0)[0]
-    started = {}
-    while len(started) < 3:
-        for frame in rig.run(1)[2]:
-            if frame.can_id == 0 and frame.data[0] == 1:
-                started[frame.data[1]] = held(rig, frame.data[1])
-    assert started == {1: wanted.limits(0).encode(), 2: wanted.limits(1).encode(), 3: None}
+    held_by = {1: wanted.limits(0).encode(), 2: wanted.limits(1).encode(), 3: None}
+    for limits in (dict.fromkeys(held_by), held_by):
+        started = {}
+        rig.say(*(Frame(0, bytes([0x81, node_id])) for node_id in held_by))
+        while len(started) < 3:
+            for frame in rig.run(1)[2]:
+                if frame.can_id == 0 and frame.data[0] == 1:
+                    started[frame.data[1]] = held(rig, frame.data[1])
+        assert started == limits
+        rig.run(3000)
     for node_id, is_on in ((1, True), (2, True), (3, False)):
         cob_id, timer = (rig.device(node_id).get(0x1808, sub) for sub in (1, 5))
         assert (cob_id >> 31 == 0, timer) == (is_on, 30 * is_on)
-    rig.run(2000)
-    raised, cleared = (frame.data for frame in rig.frames if frame.can_id == 0xFF)
+        assert held(rig, node_id) == held_by[node_id]
+    raised, cleared, *_ = (frame.data for frame in rig.frames if frame.can_id == 0xFF)
     assert (raised[:2], raised[3:5]) == (EmcyCode.NOT_GUARDING.to_bytes(2, "little"), bytes([1, 2]))
     assert cleared[:2] == bytes(2)
 
@@ -186,17 +193,22 @@ def test_limits_follow_zeros_unless_the_patch_is_touched(rig):
     moved = now.limits - was.limits
     np.testing.assert_allclose(moved, 160, atol=1)
     # the sum moves by the load of what the tactels have drifted
-    np.testing.assert_allclose(now.sum_limit - was.sum_limit, now.weights @ moved, rtol=0.01)
+    total = [limits.sum_limit + limits.weights @ limits.rest for limits in (was, now)]
+    np.testing.assert_allclose(total[1] - total[0], now.weights @ moved, rtol=0.01)
     rig.run(1000)  # the touch begins
     rig.master.cycle.baseline.felt.zero[0] += 1.1 * DIFFERENT * 70e3
     assert news(rig, 2000) == ["patches 1"]
-    assert held(rig, 1) == second
+    assert held(rig, 1) is None  # by none it is not armed
+    rig.master.cycle.baseline.felt.zero[0] -= 1.1 * DIFFERENT * 70e3
+    assert news(rig, 2000) == [""]
+    assert held(rig, 1)
 
 
 def test_patches_that_are_lost_or_have_implausible_tactels_do_not_guard(rig):
     rig.run(2500)
     rig.patches.changes = {1: lambda tpdo, counts: np.where(tpdo == 0, -0x8000, counts)}
     assert news(rig, 1500) == ["patches 1"]
+    assert (held(rig, 1), rig.device(1).get(0x2080, 1)) == (None, 0)
     rig.patches.unplugged.add(2)
     assert news(rig, 4000) == ["patches 1, 2"]
 
@@ -224,7 +236,9 @@ def test_limits_are_written_anew_when_somebody_may_have_written_unheard(rig):
     rig.run(3000)
     first = held(rig, 1)
     rig.patches.is_cut = True
-    rig.device(1).set(0x2081, 0, GuardLimits(1, 1, 2**31 - 1, np.full(16, 32767), np.ones(16, int)).encode())
+    rig.device(1).set(
+        0x2081, 0, GuardLimits(1, 1, 2**31 - 1, np.full(16, 32767), *np.ones((2, 16), int)).encode()
+    )
     rig.run(100)
     rig.patches.is_cut = False
     for kind in (EventKind.BUS_LOST, EventKind.BUS_BACK):

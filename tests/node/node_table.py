@@ -166,13 +166,15 @@ class Actions:
     def resume(self):
         self.bench.is_sampling = True
 
-    def limits(self, limit=NO_LIMIT, weight=0, sum=2**31 - 1, n=1, m=1, tactel=0, tactels=16, spoilt=-1):
+    def limits(
+        self, limit=NO_LIMIT, weight=0, sum=2**31 - 1, rest=0, n=1, m=1, tactel=0, tactels=16, spoilt=-1
+    ):
         """The master writes limits, the same for all tactels or for one; of an answer a refusal is left.
 
         Without tactels nothing is written, with ``spoilt`` a byte is another one.
         """
         is_one = np.arange(1, tactels + 1) == tactel if tactel else np.ones(tactels, bool)
-        limits = np.where(is_one, limit, NO_LIMIT), np.where(is_one, weight, 0)
+        limits = np.where(is_one, limit, NO_LIMIT), np.where(is_one, weight, 0), np.full(tactels, rest)
         data = bytearray(GuardLimits(n, m, sum, *limits).encode() if tactels else b"")
         if spoilt >= 0:
             data[spoilt] ^= 1

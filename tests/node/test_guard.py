@@ -13,7 +13,7 @@ START, SYNC = Frame(0x000, b"\x01\x00"), Frame(0x080)
 ACKNOWLEDGE = Frame(0x605, bytes.fromhex("23 80 20 03 61 63 6B 6E"))
 
 
-def plain(n, m, sum_limit, limits, weights, samples):
+def plain(n, m, sum_limit, limits, weights, rest, samples):
     """Return for each sample the tactel (0: the sum) and the value that trips a guard, None if it does not.
 
     A sample is counts, or None: the guard is acknowledged.
@@ -27,7 +27,7 @@ def plain(n, m, sum_limit, limits, weights, samples):
             continue
         pairs = enumerate(zip(counts, limits, strict=True), 1)
         over = [(k, count) for k, (count, limit) in pairs if count > limit]
-        total = sum(w * c for w, c in zip(weights, counts, strict=True))
+        total = sum(w * max(c - z, 0) for w, z, c in zip(weights, rest, counts, strict=True))
         last = [*last, bool(over) or total > sum_limit][-m:]
         if last[-1] and sum(last) >= n and not is_tripped:
             trips[-1], is_tripped = [*over, (0, total)][0], True
@@ -48,15 +48,16 @@ def test_it_trips_on_the_samples_on_which_a_plain_comparison_does(eds, index, co
         m = int(rng.integers(1, 9))
         n = int(rng.integers(1, m + 1))
         limits = np.where(rng.random(N) < 0.1, rng.choice(counts, N), NO_LIMIT)
-        weights = rng.choice([0, 0, 1, 1023], N)
+        weights = rng.choice([0, 0, 1, 511], N)
+        rest = rng.integers(-9, 9, N)
         sum_limit = int(rng.choice([-1, 0, 300, 100_000, 2**31 - 1]))
         samples = [(rng.choice(counts, N) * (rng.random(N) < 0.2)).tolist() for _ in range(30)]
         samples = [None if rng.random() < 0.1 else sample for sample in samples]
         device = Device(load_eds(eds, 5), 5)
         device.step(0)
         device.step(0, [START])
-        device.set(0x2081, 0, GuardLimits(n, m, sum_limit, limits, weights).encode())
-        wanted = plain(n, m, sum_limit, limits.tolist(), weights.tolist(), samples)
+        device.set(0x2081, 0, GuardLimits(n, m, sum_limit, limits, weights, rest).encode())
+        wanted = plain(n, m, sum_limit, limits.tolist(), weights.tolist(), rest.tolist(), samples)
         for k, (sample, trip) in enumerate(zip(samples, wanted, strict=True), 1):
             if sample is None:
                 device.step(k * MS, [ACKNOWLEDGE])

@@ -51,7 +51,7 @@ class Rig:
 
     def guard(self, *patches):
         """Give patches limits of 1000 counts for each tactel."""
-        limits = GuardLimits(1, 1, 2**31 - 1, np.full(16, 1000), np.zeros(16, int))
+        limits = GuardLimits(1, 1, 2**31 - 1, np.full(16, 1000), *np.zeros((2, 16), int))
         for i in patches:
             self.host.devices[i].set(0x2081, 0, limits.encode())
             self.host.wake(i, self.now_ns)

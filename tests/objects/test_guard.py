@@ -6,8 +6,8 @@ import pytest
 from skinbus.objects.guard import NO_LIMIT, GuardLimits
 
 # By hand from the layout; the CRC with a bitwise division by 0x11021.
-BYTES = bytes.fromhex("0203 40420f00 e803 ff7f 0002 0000")
-LIMITS = GuardLimits(2, 3, 1_000_000, np.array([1000, NO_LIMIT]), np.array([512, 0]))
+BYTES = bytes.fromhex("0203 40420f00 e803 ff7f 0001 0000 f6ff 0700")
+LIMITS = GuardLimits(2, 3, 1_000_000, np.array([1000, NO_LIMIT]), np.array([256, 0]), np.array([-10, 7]))
 
 
 def crc_by_bits(data):
@@ -27,7 +27,8 @@ def test_bytes_are_these_limits():
     decoded = GuardLimits.decode(BYTES + crc_by_bits(BYTES), 2)
     assert (decoded.n, decoded.m, decoded.sum_limit) == (2, 3, 1_000_000)
     assert decoded.limits.tolist() == [1000, NO_LIMIT]
-    assert decoded.weights.tolist() == [512, 0]
+    assert decoded.weights.tolist() == [256, 0]
+    assert decoded.rest.tolist() == [-10, 7]
 
 
 @pytest.mark.parametrize(
@@ -39,7 +40,7 @@ def test_bytes_are_these_limits():
         b"\0" + BYTES[1:],
         b"\4" + BYTES[1:],
         b"\2\x09" + BYTES[2:],
-        BYTES[:-1] + b"\4",
+        BYTES[:13] + b"\4" + BYTES[14:],
     ],
 )
 def test_limits_of_wrong_length_or_value_are_refused(body):

@@ -112,6 +112,8 @@ def command(
         f"{loaded.name}: {loaded.guarded.sum()} of {counted(loaded.n_patches, 'patch')} guarded on "
         f"{shown(places)}; stops: {', '.join(stops)}; Ctrl-C stops the robot, too"
     )
+    if name and contacts.read() is None:
+        echo(f"no contacts of this arm yet: does `skinbus run --share {name}` run?")
     try:
         with host:
             host.wait(seconds, LOOK_S, lambda: setattr(guard, "contacts", contacts.read()))

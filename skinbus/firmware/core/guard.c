@@ -3,10 +3,11 @@
 
 enum { ARMED = 1, TRIPPED = 2 };
 enum { STATE = 1, TRIPPED_BY = 2, PERIOD = 4 };
-enum { NEEDED = 0, OF = 1, SUM = 2, LIMITS = 6, WEIGHTS = LIMITS + 2 * SB_N_TACTELS, CRC = SB_GUARD_ROOM - 2 };
+enum { NEEDED = 0, OF = 1, SUM = 2, LIMITS = 6, WEIGHTS = LIMITS + 2 * SB_N_TACTELS };
+enum { RESTS = WEIGHTS + 2 * SB_N_TACTELS, CRC = SB_GUARD_ROOM - 2 };
 #define ACKNOWLEDGE 0x6E6B6361u
 #define NO_LIMIT 0x7FFF
-#define MAX_WEIGHT 1023u /* so that the sum fits 32 bits */
+#define MAX_WEIGHT 511u /* so that the sum fits 32 bits */
 #define MAX_SAMPLES 8
 #define MAX_AGE 3u /* periods: a sample that is late or lost does not stop a robot */
 
@@ -33,7 +34,7 @@ uint32_t sb_guard_check(uint16_t index, const uint8_t *data, uint32_t n)
         crc ^= bit % 8 ? 0 : (uint32_t)data[bit / 8] << 8;
         crc = crc << 1 ^ (crc & 0x8000 ? 0x11021 : 0);
     }
-    for (const uint8_t *weight = &data[WEIGHTS]; weight < &data[CRC]; weight += 2)
+    for (const uint8_t *weight = &data[WEIGHTS]; weight < &data[RESTS]; weight += 2)
         if (sb_load(weight, 2) > MAX_WEIGHT)
             return ABORT_VALUE;
     return crc == sb_load(&data[CRC], 2) ? 0 : ABORT_VALUE;
@@ -83,7 +84,8 @@ void sb_guard_compare(struct sb_board *b)
         const int32_t reading = sb_reading(b, i), limit = (int16_t)sb_load(&limits[LIMITS + 2 * i], 2);
         const int32_t weight = (int32_t)sb_load(&limits[WEIGHTS + 2 * i], 2);
         is_armed = healthy[i / 8] >> i % 8 & 1 || (!weight && limit == NO_LIMIT);
-        sum += weight * reading;
+        const int32_t above = reading - (int16_t)sb_load(&limits[RESTS + 2 * i], 2);
+        sum += above > 0 ? weight * above : 0; /* a tactel that reads too little hides no force on others */
         if (reading > limit) {
             who[0] = (uint8_t)(i + 1);
             value = reading;

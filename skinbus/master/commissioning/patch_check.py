@@ -495,7 +495,8 @@ def _limits(patch: PatchCheck) -> bytes:
     """Return limits of the guard that no reading can be above."""
     board = describe_patch(patch.od)
     limits = np.where(np.broadcast_to(board.healthy, board.n_tactels), NO_LIMIT - 1, NO_LIMIT)
-    return GuardLimits(1, 1, 2**31 - 1, limits, np.zeros(board.n_tactels, np.int64)).encode()
+    none = np.zeros(board.n_tactels, np.int64)
+    return GuardLimits(1, 1, 2**31 - 1, limits, none, none).encode()
 
 
 SCRIPTS: dict[str, Callable[[PatchCheck], Check]] = {

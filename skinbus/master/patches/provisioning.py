@@ -8,7 +8,6 @@ arm file does not name must not stay behind.
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
-from contextlib import suppress
 from enum import Enum, StrEnum, auto
 from typing import NamedTuple
 
@@ -277,16 +276,18 @@ def _check_identity(identity: Identity) -> Script[None]:
 
 
 def write_back(what: str, index: int, sub: int, data: bytes) -> Script[None]:
-    """Write a value and read it back; a patch that does not hold it then is refused."""
+    """Write a value, or none, and read it back; a patch that does not hold it then is refused."""
     yield from _ask(what, index, sub, data)
-    if (yield from _ask(what, index, sub)).data != data:
+    if (yield from _ask(what, index, sub, tolerates=() if data else NO_VALUE)).data != data:
         raise _EndedError(Provision.REFUSED, f"{what}: others are read than were written")
 
 
-def by_itself(script: Script[None]) -> Script[None]:
-    """Run a part of provisioning; that it failed is seen elsewhere."""
-    with suppress(_EndedError):
-        yield from script
+def by_itself(script: Script[None]) -> Script[Provisioned | None]:
+    """Run a part of provisioning; return why it failed, if it did."""
+    try:
+        return (yield from script)
+    except _EndedError as ended:
+        return ended.result
 
 
 def _last_error() -> Script[int]:

@@ -147,5 +147,6 @@ def test_it_runs_without_numba_and_estimator(arm):
         "print([m for m in heavy if m in sys.modules])"
     )
     out = run_code(code)
+    assert "does `skinbus run --share x` run?" in out
     assert "guard-waits, contacts silent" in out
     assert out.splitlines()[-1] == "[]"
