@@ -163,13 +163,13 @@ class Whole:
             self.join(Talker(frame))
 
     def repair(self):
-        """Undo what was done to anybody but the master, on one bus."""
+        """Undo what was done to anybody, on one bus."""
         for plug in (*self.boards, self.plug):
             plug.repair()
         self.healthy, self.age_ns, self.frozen_ns = np.ones_like(self.healthy), 0, None
         for port in self.strangers:
             self.bus.detach(port)
-        for port in (*self.ports, *self.guard_ports):
+        for port in (*self.ports, *self.master_ports, *self.guard_ports):
             self.bus.restart(port)
         self.again()
 
