@@ -65,7 +65,7 @@ static void write_limits(struct sb_board *b)
     for (unsigned i = 0; i < sizeof data; i++)
         data[i] = (uint8_t)random_below(i < 2 ? 9 : 256);
     for (unsigned i = 0; i < SB_N_TACTELS; i++)
-        data[7 + 2 * SB_N_TACTELS + 2 * i] &= random_below(50) ? 3 : 7;
+        data[7 + 2 * SB_N_TACTELS + 2 * i] &= random_below(50) ? 1 : 3;
     for (unsigned bit = 0; bit < 8 * (sizeof data - 2); bit++) {
         crc ^= bit % 8 ? 0 : (uint32_t)data[bit / 8] << 8;
         crc = (crc << 1 ^ (crc >> 15 ? 0x1021 : 0)) & 0xFFFF;
