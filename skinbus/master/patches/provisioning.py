@@ -285,9 +285,10 @@ def write_back(what: str, index: int, sub: int, data: bytes) -> Script[None]:
 def by_itself(script: Script[None]) -> Script[Provisioned | None]:
     """Run a part of provisioning; return why it failed, if it did."""
     try:
-        return (yield from script)
+        yield from script
     except _EndedError as ended:
         return ended.result
+    return None
 
 
 def _last_error() -> Script[int]:
