@@ -110,7 +110,7 @@ int main(int n, char **words)
         need(sb_poll(b, now) > 0, "wants to be called at once");
         need(b->state == 0 || b->state == 4 || b->state == 5 || b->state == 127, "no state of NMT");
         need(!(sb_get(b, SB_GUARD, 1) & 1) || b->state == SB_OPERATIONAL, "armed where it sends nothing");
-        need(b->n_errors <= SB_ERRORS && b->n_waiting <= SB_ERRORS, "too many errors");
+        need(b->n_errors <= SB_ERRORS && b->n_waiting <= SB_WAITING, "too many errors");
         for (unsigned k = 0; k < library->n_out; k++) {
             const struct sb_frame *out = &library->out[k];
             need(out->id != SB_GFC || sb_get(b, SB_GUARD, 1) & 2, "a stop without a trip");

@@ -42,7 +42,7 @@ static void emcy_queue(struct sb_board *b, uint16_t code, const uint8_t data[5])
     for (unsigned i = 0; i < b->n_errors; i++)
         bits |= b->errors[i].bits;
     sb_put(b, 0x1001, 0, bits);
-    if (b->n_waiting == SB_ERRORS) /* the oldest is lost; the history still has its error */
+    if (b->n_waiting == SB_WAITING) /* the oldest is lost; the history still has its error */
         memmove(b->waiting[0], b->waiting[1], 8u * --b->n_waiting);
     uint8_t *message = b->waiting[b->n_waiting++];
     sb_store(message, code, 2);

@@ -15,7 +15,8 @@
 #ifndef SB_TEXT_ROOM
 #define SB_TEXT_ROOM 2048 /* bytes of RAM, and of flash, for each text that can be written (residual map) */
 #endif
-#define SB_ERRORS 16   /* errors that are there at once, and EMCY messages that wait */
+#define SB_ERRORS 16   /* errors that are there at once */
+#define SB_WAITING 32  /* EMCY messages that wait */
 #define SB_NOWHERE 0xFFFFu
 #define SB_UNCONFIGURED 0xFFu /* node-ID of a board that has none */
 #define SB_NEVER UINT64_MAX
@@ -115,7 +116,7 @@ struct sb_board {
     bool is_stop_due; /* GFC found no room */
 
     struct sb_error errors[SB_ERRORS];
-    uint8_t n_errors, n_waiting, waiting[SB_ERRORS][8];
+    uint8_t n_errors, n_waiting, waiting[SB_WAITING][8];
     struct sb_watched watched[1 + SB_CONSUMED_ROOM]; /* by sub-index of 0x1016; the first one guards this node */
     struct sb_pdo pdos[SB_N_PDOS]; /* in the order of sb_pdos */
     uint8_t sample_status;
