@@ -18,7 +18,7 @@ from canopen.objectdictionary import ObjectDictionary, datatypes
 from skinbus.errors import EdsError, Fault
 from skinbus.node.layout import FLOATS, ImageEntry, ImageLayout
 from skinbus.node.storage import APPLICATION, AREAS, COMMUNICATION, MANUFACTURER, is_parameter
-from skinbus.objects import cia
+from skinbus.objects import cia, program_image
 from skinbus.objects.dcf import is_verified
 from skinbus.objects.eds import load_eds
 from skinbus.objects.guard import GuardLimits
@@ -73,6 +73,7 @@ def write_project(eds: str, out: Path) -> tuple[int, int]:
     od = load_eds(eds, NODE_ID)
     layout = ImageLayout(od, NODE_ID)
     _write(out, *_texts(eds, od, layout), [path for path in HERE.glob("core/*") if path.name != RELAY])
+    (out / "image.py").write_bytes(Path(program_image.__file__).read_bytes())
     return sum(entry.size for entry in layout.entries.values()), len(layout.entries)
 
 
@@ -124,6 +125,8 @@ def _room(entry: ImageEntry) -> str:
     """Return the most bytes of a text that can be written, which has no default; nothing for all else."""
     if entry.size or not entry.writable:
         return ""
+    if entry.index == cia.PROGRAM_DATA:
+        return "SB_PROGRAM_ROOM"
     return "SB_GUARD_ROOM" if entry.variable.name == GUARD_LIMITS else "SB_TEXT_ROOM"
 
 
@@ -143,7 +146,8 @@ def _runs(entries: Iterable[ImageEntry]) -> tuple[list[Run], str]:
         part = [entry for entry, _ in group]
         if _room(part[0]):
             runs.append(Run(part, end))
-            end += f" + 2 + {_room(part[0])}"
+            is_program = part[0].index == cia.PROGRAM_DATA  # which has slots of its own
+            end += " + 2" if is_program else f" + 2 + {_room(part[0])}"
         else:
             runs.append(Run(part, str(at)))
             at += sum(len(_bytes(entry)) for entry in part)
@@ -190,6 +194,8 @@ def _services(
     state, limits, healthy = guard if all(guard) else (0, 0, 0)
     period = number_at(od, *index_of(od, GUARD_PERIOD_US)) if state else PERIOD_US
     return {
+        "VENDOR": number_at(od, cia.IDENTITY, cia.IDENTITY_VENDOR),
+        "PRODUCT": number_at(od, cia.IDENTITY, cia.IDENTITY_PRODUCT),
         "N_TACTELS": len(readings.entries),
         "READINGS": readings.entries[0].index,
         "READINGS_AT": readings.at,

@@ -22,6 +22,7 @@ from skinbus.node.layout import ImageLayout, key_of
 from skinbus.node.lss import UNCONFIGURED, LssSlave
 from skinbus.node.nmt import SERVICES, TRANSITIONS, Service, command_for
 from skinbus.node.node_guarding import NodeGuarding
+from skinbus.node.program import ProgramService
 from skinbus.node.rpdo import RpdoService
 from skinbus.node.sdo_server import SdoServer
 from skinbus.node.storage import AREAS, COMMUNICATION, Storage, StorageService
@@ -102,6 +103,7 @@ class Device(Core):
         self._triggers = AnalogueTriggers(context, self._tpdo)
         self._guard = GuardService(context, self._tpdo)
         self._storage = StorageService(context, storage)
+        self._program = ProgramService(context, storage)
         self._verify = VerifyService(context)
         self.sample_status = SampleStatus(0)
         """What the host says of the readings in its image; the device adds what it finds itself."""
@@ -247,6 +249,8 @@ class Device(Core):
                     context.drop(frame, "not a classic data frame")
                 else:
                     handler(frame)
+        if self._program.is_restarting:
+            self._restart()
         if self._triggers.active:
             self._triggers.poll()
         wake_ns = self._next_ns()
@@ -268,10 +272,16 @@ class Device(Core):
 
     def _obey(self, command: NmtCommand) -> None:
         target = TRANSITIONS[command]
-        if target is NmtState.INITIALISING:
-            self._reset(application=command is NmtCommand.RESET_NODE)
+        if command is NmtCommand.RESET_NODE:
+            self._restart()
+        elif target is NmtState.INITIALISING:
+            self._reset(application=False)
         elif target is not self._context.state:
             self._enter(target)
+
+    def _restart(self) -> None:
+        self._program.start()
+        self._reset()
 
     def _reset(self, *, application: bool = True) -> None:
         """Back to the values of power-on, and boot."""
@@ -294,6 +304,7 @@ class Device(Core):
         groups = AREAS if application else (COMMUNICATION,)
         loaded = [self._storage.load(group) for group in groups]
         self._verify.loaded(application=application)
+        self._program.show()
         for part in (self._sdo, self._emcy, self._heartbeat, self._guarding, self._guard):
             part.reset()
         for service in (self._sync, self._tpdo, self._rpdo, self._consumer):
@@ -308,7 +319,7 @@ class Device(Core):
 
     def _enter(self, state: NmtState) -> None:
         self._context.state = state
-        for service in (self._sync, self._rpdo, self._tpdo, self._triggers):
+        for service in (self._sync, self._rpdo, self._tpdo, self._triggers, self._program):
             service.enter(state)
         self._guard.enter()
         if Service.SDO not in SERVICES[state]:

@@ -10,7 +10,7 @@ from canopen.objectdictionary import datatypes
 
 from skinbus.node.layout import FLOATS, ImageEntry, key_of
 from skinbus.node.values import Values
-from skinbus.objects.cia import AbortCode
+from skinbus.objects.cia import COB_ID_INVALID, COB_ID_MASK_11, AbortCode, restricted
 
 MAX_LENGTH = 65_536
 """Bytes that a string or domain may have; bounds the memory a client can make us use."""
@@ -31,6 +31,16 @@ class SdoAbort(Exception):
     def __init__(self, code: int) -> None:
         self.code = code
         super().__init__(f"0x{code:08X}")
+
+
+def check_cob_id(value: int, old: int, allowed: int = 0) -> None:
+    """Refuse the identifier of another service, another one while this one is valid, and bits not allowed."""
+    is_wrong = value & ~(COB_ID_INVALID | COB_ID_MASK_11 | allowed)
+    if not value & COB_ID_INVALID:
+        is_wrong |= not old & COB_ID_INVALID and (old ^ value) & COB_ID_MASK_11
+        is_wrong |= restricted(value & COB_ID_MASK_11)
+    if is_wrong:
+        raise SdoAbort(AbortCode.VALUE_INVALID)
 
 
 class Dictionary:

@@ -12,7 +12,7 @@ from collections import deque
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frames
 from skinbus.node.context import NS_PER_100US, Context
-from skinbus.node.dictionary import SdoAbort
+from skinbus.node.dictionary import SdoAbort, check_cob_id
 from skinbus.node.nmt import SERVICES, Service
 from skinbus.objects.cia import (
     COB_ID_INVALID,
@@ -24,7 +24,6 @@ from skinbus.objects.cia import (
     AbortCode,
     EmcyCode,
     ErrorRegister,
-    restricted,
 )
 
 MAX_WAITING = 32
@@ -90,6 +89,10 @@ class EmcyService:
             self._queue(EmcyCode.NO_ERROR, code.to_bytes(2, "little") + key[1][:3])
         return bool(gone)
 
+    def report(self, code: int, data: bytes, *, is_there: bool) -> bool:
+        """An error is there, or it is not; return whether that is news."""
+        return (self.raise_error if is_there else self.clear_error)(code, data)
+
     def not_sent(self, now_ns: int, frames: Frames) -> None:
         """Keep our messages among these, which were not sent, for another try, until they are."""
         cob_id = self.values.number(EMCY_COB_ID, 0, COB_ID_INVALID)
@@ -147,9 +150,4 @@ class EmcyService:
 
     def _check_cob_id(self, sub: int, data: bytes) -> None:
         """CiA 301, 7.5.2.17: the identifier of a valid EMCY stays, and is no other service's nor extended."""
-        value, old = int.from_bytes(data, "little"), self.values.number(EMCY_COB_ID, 0)
-        is_wrong = value & ~(COB_ID_INVALID | COB_ID_MASK_11)
-        if not value & COB_ID_INVALID:
-            is_wrong |= restricted(value) or (not old & COB_ID_INVALID and value != old)
-        if is_wrong:
-            raise SdoAbort(AbortCode.VALUE_INVALID)
+        check_cob_id(int.from_bytes(data, "little"), self.values.number(EMCY_COB_ID, 0))

@@ -10,8 +10,6 @@ from skinbus.objects.cia import HEARTBEAT_BASE, HEARTBEAT_PRODUCER, NmtState
 class HeartbeatProducer(Part):
     """Says that this device lives, and in which state."""
 
-    _period_ns = 0
-
     def __init__(self, context: Context) -> None:
         super().__init__(context)
         self.dictionary.watchers[HEARTBEAT_PRODUCER] = self._changed
@@ -19,7 +17,6 @@ class HeartbeatProducer(Part):
     def boot_up(self) -> None:
         """Send the boot-up message, which is the first heartbeat (CiA 301, 7.2.8.3.2.2)."""
         self._send()
-        self._period_ns = self._read()
         self.wake_ns = self.context.now_ns + self._period_ns if self._period_ns else NEVER
 
     def reset(self) -> None:
@@ -37,10 +34,10 @@ class HeartbeatProducer(Part):
     def _changed(self, sub: int) -> None:
         """A time that is written starts the heartbeat at once."""
         if self.context.state is not NmtState.INITIALISING:
-            self._period_ns = self._read()
             self.wake_ns = self.context.now_ns if self._period_ns else NEVER
 
-    def _read(self) -> int:
+    @property
+    def _period_ns(self) -> int:
         return self.values.number(HEARTBEAT_PRODUCER, 0) * NS_PER_MS
 
     def _send(self) -> None:

@@ -22,7 +22,6 @@ class Watched:
 
     node_id: int
     time_ns: int
-    is_lost: bool = False
     due_ns: int = NEVER
 
 
@@ -56,7 +55,7 @@ class HeartbeatConsumer(Part):
         lost = False
         for node in self.nodes.values():
             if self.context.now_ns >= node.due_ns:
-                node.is_lost, node.due_ns = True, NEVER
+                node.due_ns = NEVER
                 self.context.report(EventKind.HEARTBEAT_LOST, "", node.node_id)
                 self.emcy.raise_error(EmcyCode.HEARTBEAT, data=bytes((node.node_id,)))
                 lost = True
@@ -74,10 +73,8 @@ class HeartbeatConsumer(Part):
         else:
             node.due_ns = self.context.now_ns + node.time_ns
             self.wake_ns = min(self.wake_ns, node.due_ns)
-        if node.is_lost:
-            node.is_lost = False
+        if self.emcy.clear_error(EmcyCode.HEARTBEAT, bytes((node.node_id,))):
             self.context.report(EventKind.HEARTBEAT_BACK, "", node.node_id)
-            self.emcy.clear_error(EmcyCode.HEARTBEAT, bytes((node.node_id,)))
 
     def _read(self) -> dict[int, Watched]:
         nodes = {}
@@ -93,7 +90,7 @@ class HeartbeatConsumer(Part):
         for node_id, old in self.nodes.items():
             if node_id in nodes and nodes[node_id].time_ns == old.time_ns:
                 nodes[node_id] = old
-            elif old.is_lost:
+            else:
                 self.emcy.clear_error(EmcyCode.HEARTBEAT, bytes((node_id,)))
         self.nodes = nodes
         self.context.listen()

@@ -220,10 +220,7 @@ class PatchHost(Core):
             (SOURCE_STOPPED, is_stopped),
             (TACTELS_FAILED, not (is_stopped or own.all())),
         ):
-            if is_there:
-                device.emcy(EmcyCode.HARDWARE, data=fault)
-            else:
-                device.emcy_clear(EmcyCode.HARDWARE, fault)
+            (device.emcy if is_there else device.emcy_clear)(EmcyCode.HARDWARE, fault)
         if has(od := device.layout.od, HEALTHY_TACTELS):
             place = index_of(od, HEALTHY_TACTELS)
             others = device.get(*place) | self._cleared[i]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from enum import IntEnum
+from operator import eq, ge, le
 
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
@@ -50,16 +51,20 @@ class Lss(IntEnum):
 
 
 OK = 0
-OUT_OF_RANGE = 1
 STORE_NOT_SUPPORTED = 1
 STORE_FAILED = 2
 
 FASTSCAN_ALL = 0x80
 """Bit check that every unconfigured node answers, and with which a scan begins."""
 
-_NUMBER = struct.Struct("<I")
+IDENTIFIES = ((0, eq), (1, eq), (2, ge), (2, le), (3, ge), (3, le))
+"""Of the commands that identify: which number of the identity is how to the one in the command."""
 FASTSCAN = struct.Struct("<IBBB")
 """Data of a fastscan request: number, bit check, which number of the identity, and which follows."""
+
+
+def _number(data: bytes) -> int:
+    return int.from_bytes(data[1:5], "little")
 
 
 def lss_request(command: int, data: bytes = b"") -> Frame:
@@ -80,8 +85,7 @@ class LssSlave(Part):
         self.mode = Mode.WAITING
         self.pending_node_id = context.node_id
         self.pending_bit_rate: int | None = None
-        self._asked: dict[int, int] = {}
-        self._scanned = 0
+        self._next = self._scanned = 0
         both = {
             **dict.fromkeys(range(Lss.IDENTIFY_VENDOR, Lss.IDENTIFY_SERIAL_HIGH + 1), self._identify),
             Lss.IDENTIFY_UNCONFIGURED: self._identify_unconfigured,
@@ -121,7 +125,7 @@ class LssSlave(Part):
     def reset(self) -> None:
         """The node-ID that was configured becomes the one in use."""
         self.mode = Mode.WAITING
-        self._asked.clear()
+        self._next = 0
         self.context.node_id = self.pending_node_id
 
     def handlers(self) -> Handlers:
@@ -153,35 +157,30 @@ class LssSlave(Part):
         if data[1] > Mode.CONFIGURATION:
             return
         self.mode = Mode(data[1])
-        self._asked.clear()
+        self._next = 0
         waiting_with_id = self.mode is Mode.WAITING and self.pending_node_id != UNCONFIGURED
         if waiting_with_id and self.context.node_id == UNCONFIGURED:
             self.on_configured()
 
     def _switch_selective(self, data: bytes) -> None:
         """Four frames name one node; the last one switches it."""
-        self._asked[data[0]] = _NUMBER.unpack_from(data, 1)[0]
-        if data[0] == Lss.SWITCH_SERIAL:
-            asked = [self._asked.get(Lss.SWITCH_VENDOR + k) for k in range(N_IDENTITY)]
-            self._asked.clear()
-            if asked == self._identity:
-                self.mode = Mode.CONFIGURATION
-                self._answer(Lss.SWITCHED)
-        elif self._asked[data[0]] != self._identity[data[0] - Lss.SWITCH_VENDOR]:
-            self._asked.clear()
+        own = self._identity[data[0] - Lss.SWITCH_VENDOR]
+        if self._names(data[0], Lss.SWITCH_VENDOR, Lss.SWITCH_SERIAL, is_ours=own == _number(data)):
+            self.mode = Mode.CONFIGURATION
+            self._answer(Lss.SWITCHED)
 
     def _identify(self, data: bytes) -> None:
         """Six frames name a range; the last one is answered by each node in it."""
-        self._asked[data[0]] = _NUMBER.unpack_from(data, 1)[0]
-        if data[0] != Lss.IDENTIFY_SERIAL_HIGH:
-            return
-        asked = [self._asked.get(command) for command in range(Lss.IDENTIFY_VENDOR, data[0] + 1)]
-        self._asked.clear()
-        if None in asked:
-            return
-        lows, highs = ([asked[k] or 0 for k in which] for which in ((0, 1, 2, 4), (0, 1, 3, 5)))
-        if all(low <= own <= high for low, own, high in zip(lows, self._identity, highs, strict=True)):
+        part, compare = IDENTIFIES[data[0] - Lss.IDENTIFY_VENDOR]
+        is_ours = compare(self._identity[part], _number(data))
+        if self._names(data[0], Lss.IDENTIFY_VENDOR, Lss.IDENTIFY_SERIAL_HIGH, is_ours=is_ours):
             self._answer(Lss.IDENTIFIED)
+
+    def _names(self, command: int, first: int, last: int, *, is_ours: bool) -> bool:
+        """Whether this is the last of commands that follow each other, all of which fit this node."""
+        goes_on = is_ours and command in (first, self._next)
+        self._next = command + 1 if goes_on else 0
+        return goes_on and command == last
 
     def _identify_unconfigured(self, data: bytes) -> None:
         if self._unconfigured:
@@ -207,14 +206,14 @@ class LssSlave(Part):
         good = 1 <= data[1] <= MAX_NODE_ID or data[1] == UNCONFIGURED
         if good:
             self.pending_node_id = data[1]
-        self._answer(data[0], bytes((OK if good else OUT_OF_RANGE,)))
+        self._answer(data[0], bytes((not good,)))
 
     def _configure_bit_timing(self, data: bytes) -> None:
         rate = BIT_RATES.get(data[2]) if data[1] == STANDARD_TABLE else None
         good = rate is not None and rate in self.bit_rates
         if good:
             self.pending_bit_rate = rate
-        self._answer(data[0], bytes((OK if good else OUT_OF_RANGE,)))
+        self._answer(data[0], bytes((not good,)))
 
     def _activate_bit_timing(self, data: bytes) -> None:
         """The host owns the interface: it waits the delay, switches, and waits the delay again."""
@@ -232,7 +231,7 @@ class LssSlave(Part):
         self._answer(data[0], bytes((error,)))
 
     def _inquire_identity(self, data: bytes) -> None:
-        self._answer(data[0], _NUMBER.pack(self._identity[data[0] - Lss.INQUIRE_VENDOR]))
+        self._answer(data[0], self._identity[data[0] - Lss.INQUIRE_VENDOR].to_bytes(4, "little"))
 
     def _inquire_node_id(self, data: bytes) -> None:
         self._answer(data[0], bytes((self.context.node_id,)))

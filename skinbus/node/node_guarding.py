@@ -36,7 +36,6 @@ class NodeGuarding(Part):
     def reset(self) -> None:
         """Begin anew: the first answer after a boot has the bit cleared, and no life time runs until then."""
         self._toggle = 0
-        self._is_lost = False
         self.wake_ns = NEVER
 
     def handlers(self) -> Handlers:
@@ -47,7 +46,6 @@ class NodeGuarding(Part):
         """Report that the master has stopped guarding."""
         if self.context.now_ns >= self.wake_ns:
             self.wake_ns = NEVER
-            self._is_lost = True
             self.context.report(EventKind.GUARDING_LOST)
             self.emcy.raise_error(EmcyCode.HEARTBEAT)
             self.context.on_loss()
@@ -58,9 +56,7 @@ class NodeGuarding(Part):
         context = self.context
         context.send(HEARTBEAT_BASE + context.node_id, bytes((context.state | self._toggle,)))
         self._toggle ^= TOGGLE
-        if self._is_lost:
-            self._is_lost = False
-            self.emcy.clear_error(EmcyCode.HEARTBEAT, b"")
+        self.emcy.clear_error(EmcyCode.HEARTBEAT, b"")
         self.wake_ns = context.now_ns + self._life_ns() if self._life_ns() else NEVER
 
     def _life_ns(self) -> int:

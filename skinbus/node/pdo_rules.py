@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from skinbus.node.context import Context
-from skinbus.node.dictionary import SdoAbort, Watcher
+from skinbus.node.dictionary import SdoAbort, Watcher, check_cob_id
 from skinbus.node.layout import key_of
 from skinbus.node.mapping import check_count, check_entry
 from skinbus.objects.cia import (
     COB_ID_INVALID,
-    COB_ID_MASK_11,
     COB_ID_NO_RTR,
     PDO_COB_ID,
     PDO_INHIBIT,
@@ -16,7 +15,6 @@ from skinbus.objects.cia import (
     PDO_TYPE,
     AbortCode,
     TransmissionType,
-    restricted,
 )
 from skinbus.objects.pdo import Direction, compile_pdo
 
@@ -82,13 +80,10 @@ class Pdo:
             check_entry(self.values.layout, value, transmit=self.transmit)
 
     def _check_cob_id(self, value: int) -> None:
-        is_wrong = value & ~(COB_ID_INVALID | COB_ID_NO_RTR | COB_ID_MASK_11)
-        if self.transmit and not value & COB_ID_NO_RTR:  # a device of others may allow RTR as delivered
-            entry = self.values.layout.entries[key_of(self.communication, PDO_COB_ID)]
-            is_wrong |= int.from_bytes(entry.default or b"", "little") & COB_ID_NO_RTR
-        if not value & COB_ID_INVALID:
-            old = self.values.number(self.communication, PDO_COB_ID, COB_ID_INVALID)
-            is_other = not old & COB_ID_INVALID and (old ^ value) & COB_ID_MASK_11
-            is_wrong |= is_other or restricted(value & COB_ID_MASK_11)
-        if is_wrong:
+        entry = self.values.layout.entries[key_of(self.communication, PDO_COB_ID)]
+        default = int.from_bytes(entry.default or b"", "little")
+        # a device of others may allow RTR as delivered
+        if self.transmit and default & ~value & COB_ID_NO_RTR:
             raise SdoAbort(AbortCode.VALUE_INVALID)
+        old = self.values.number(self.communication, PDO_COB_ID, COB_ID_INVALID)
+        check_cob_id(value, old, COB_ID_NO_RTR)

@@ -85,15 +85,12 @@ class RpdoService(Part):
     def _receive(self, pdos: list[Rpdo], frame: Frame) -> None:
         for pdo in pdos:
             surplus = len(frame.data) - pdo.map.length
+            self.emcy.report(EmcyCode.PDO_LENGTH, pdo.tag, is_there=surplus < 0)
             if surplus < 0:
-                self.emcy.raise_error(EmcyCode.PDO_LENGTH, data=pdo.tag)
                 self.context.drop(frame, f"RPDO {pdo.number} has {pdo.map.length} bytes")
                 continue
-            self.emcy.clear_error(EmcyCode.PDO_LENGTH, pdo.tag)
-            if surplus > 0:  # the bytes that are mapped count (CiA 301, 7.2.2.2)
-                self.emcy.raise_error(EmcyCode.PDO_LENGTH_EXCEEDED, data=pdo.tag)
-            else:
-                self.emcy.clear_error(EmcyCode.PDO_LENGTH_EXCEEDED, pdo.tag)
+            # the bytes that are mapped count (CiA 301, 7.2.2.2)
+            self.emcy.report(EmcyCode.PDO_LENGTH_EXCEEDED, pdo.tag, is_there=surplus > 0)
             if pdo.deadline_ns:
                 self.emcy.clear_error(EmcyCode.RPDO_TIMEOUT, pdo.tag)
                 pdo.due_ns = self.context.now_ns + pdo.deadline_ns

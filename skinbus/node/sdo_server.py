@@ -11,6 +11,7 @@ from binascii import crc_hqx
 from collections.abc import Callable, Generator, Sequence
 
 from skinbus.can.core import NEVER
+from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
 from skinbus.node.context import Context, Handlers, Part
 from skinbus.node.dictionary import MAX_LENGTH, SdoAbort
@@ -139,6 +140,10 @@ class SdoServer(Part):
             self.reset()
         except SdoAbort as abort:
             self._abort(abort.code)
+            return
+        except OSError as error:  # of the storage
+            self.context.report(EventKind.STORAGE, str(error))
+            self._abort(AbortCode.HARDWARE)
             return
         for answer in answers:
             self.context.send(self._tx, answer)

@@ -19,6 +19,7 @@ from skinbus.objects.cia import (
     IDENTITY,
     IDENTITY_PRODUCT,
     IDENTITY_VENDOR,
+    PROGRAM_CONTROL,
     REQUEST_NMT,
     RESTORE_DEFAULTS,
     SIGNATURE_LOAD,
@@ -56,7 +57,7 @@ SAVES_ON_COMMAND = 1
 """Value read from 0x1010 and 0x1011 (CiA 301, 7.5.2.13): on command, not by itself."""
 
 # Writable, but an action or a state, not a parameter.
-NOT_PARAMETERS = frozenset({ERROR_HISTORY, STORE_PARAMETERS, RESTORE_DEFAULTS, REQUEST_NMT})
+NOT_PARAMETERS = frozenset({ERROR_HISTORY, STORE_PARAMETERS, RESTORE_DEFAULTS, PROGRAM_CONTROL, REQUEST_NMT})
 
 HEAD = "skinbus parameters 1"
 
@@ -162,9 +163,10 @@ class StorageService(Part):
 
     def _restore(self, sub: int, data: bytes) -> None:
         """Discard what is stored; the defaults are valid after the next reset (CiA 301, 7.5.2.14)."""
-        self._command(sub, data, SIGNATURE_LOAD, self._discard)
+        self._command(sub, data, SIGNATURE_LOAD, self.discard)
 
-    def _discard(self, group: str) -> None:
+    def discard(self, group: str) -> None:
+        """Keep nothing of a group."""
         if self.storage is not None:
             self.storage.pop(group, None)
 
@@ -174,15 +176,11 @@ class StorageService(Part):
             raise SdoAbort(AbortCode.NOT_STORED)
         if self.storage is None:
             raise SdoAbort(AbortCode.LOCAL_CONTROL)
-        try:
-            groups = GROUPS.get(sub, ())
-            for group in groups:
-                act(group)
-            if groups and COMMUNICATION not in groups and not is_marked:
-                self._forget_marks()
-        except OSError as error:
-            self.context.report(EventKind.STORAGE, str(error))
-            raise SdoAbort(AbortCode.HARDWARE) from error
+        groups = GROUPS.get(sub, ())
+        for group in groups:
+            act(group)
+        if groups and COMMUNICATION not in groups and not is_marked:
+            self._forget_marks()
 
 
 def _unseal(text: str) -> list[str]:

@@ -7,9 +7,10 @@ from collections.abc import Callable
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.node.context import Context, Handlers, Part
-from skinbus.node.dictionary import SdoAbort
+from skinbus.node.dictionary import SdoAbort, check_cob_id
 from skinbus.node.nmt import Service
 from skinbus.objects.cia import (
+    COB_ID_INVALID,
     COB_ID_MASK_11,
     COB_ID_PRODUCER,
     SYNC_COB_ID,
@@ -19,7 +20,6 @@ from skinbus.objects.cia import (
     AbortCode,
     EmcyCode,
     NmtState,
-    restricted,
 )
 
 NS_PER_US = 1_000
@@ -32,7 +32,7 @@ class SyncService(Part):
     kind = Service.SYNC
 
     _overflow = _counter = _cob_id = _period_ns = _window_ns = 0
-    _length_wrong = _produces = False
+    _produces = False
     _closes_ns = NEVER
 
     def __init__(self, context: Context, on_sync: Callable[[int], None]) -> None:
@@ -62,7 +62,6 @@ class SyncService(Part):
             self._counter = 0
             self.wake_ns = NEVER
             self._closes_ns = NEVER
-            self._length_wrong &= state is NmtState.STOPPED  # a reset clears the error
         elif self.wake_ns == NEVER:
             self._plan()
 
@@ -77,17 +76,11 @@ class SyncService(Part):
     def receive(self, frame: Frame) -> None:
         """One SYNC from the bus."""
         data = frame.data
+        self.emcy.report(EmcyCode.SYNC_LENGTH, b"", is_there=len(data) != bool(self._overflow))
         if len(data) > 1:
             self.context.drop(frame, "SYNC has a counter or nothing")
-            self._report_length()
-            return
-        if len(data) != bool(self._overflow):
-            # It counts all the same; the missing or unexpected byte is an error (0x8240).
-            self._report_length()
-        elif self._length_wrong:
-            self._length_wrong = False
-            self.emcy.clear_error(EmcyCode.SYNC_LENGTH)
-        self._accept(frame.t_ns, data[0] if data else 0)
+        else:  # it counts all the same with a byte too many or too few
+            self._accept(frame.t_ns, data[0] if data else 0)
 
     def tick(self) -> None:
         """Produce a SYNC when it is time; late ones keep the grid, missed ones are left out."""
@@ -123,20 +116,12 @@ class SyncService(Part):
             self._counter = 0
         self.context.listen()
 
-    def _report_length(self) -> None:
-        if not self._length_wrong:
-            self._length_wrong = True
-            self.emcy.raise_error(EmcyCode.SYNC_LENGTH)
-
     def _check_cob_id(self, sub: int, data: bytes) -> None:
         """CiA 301, 7.5.2.5: the identifier stays while the SYNC is produced."""
         value, old = int.from_bytes(data, "little"), self.values.number(SYNC_COB_ID, 0)
-        allowed = COB_ID_PRODUCER | COB_ID_MASK_11
-        is_wrong = value & ~allowed & ~(1 << 31) or restricted(value & COB_ID_MASK_11)
-        if value & COB_ID_PRODUCER:
-            is_other = old & COB_ID_PRODUCER and (old ^ value) & COB_ID_MASK_11
-            is_wrong = is_wrong or is_other or SYNC_PERIOD not in self.values.layout.indices
-        if is_wrong:
+        is_produced = old & value & COB_ID_PRODUCER
+        check_cob_id(value & ~COB_ID_INVALID, old if is_produced else COB_ID_INVALID, COB_ID_PRODUCER)
+        if value & COB_ID_PRODUCER and SYNC_PERIOD not in self.values.layout.indices:
             raise SdoAbort(AbortCode.VALUE_INVALID)
 
     def _check_overflow(self, sub: int, data: bytes) -> None:

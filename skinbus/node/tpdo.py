@@ -67,7 +67,6 @@ class TpdoService(Part):
         self._every_sync: list[tuple[int, Callable[[], bytes], int]] = []
         self._some_syncs: list[Tpdo] = []
         self._by_event: list[Tpdo] = []
-        self._is_late = False
         self._is_withheld = False
         od = self.dictionary.layout.od
         self._status = index_of(od, SAMPLE_STATUS) if has(od, SAMPLE_STATUS) else None
@@ -115,9 +114,7 @@ class TpdoService(Part):
         if not in_window:
             self._discard(counter)
             return
-        if self._is_late:
-            self._is_late = False
-            self.emcy.clear_error(EmcyCode.COMMUNICATION, WINDOW_TAG)
+        self.emcy.clear_error(EmcyCode.COMMUNICATION, WINDOW_TAG)
         now_ns = self.context.now_ns
         self.context.out += [
             _make_frame(Frame, (cob_id, pack(), now_ns, flags, 0)) for cob_id, pack, flags in self._every_sync
@@ -153,7 +150,6 @@ class TpdoService(Part):
     def _discard(self, counter: int) -> None:
         """Count a SYNC whose window has passed; what it asked for is an error, and is not made up for."""
         if self._every_sync or self._some_syncs:
-            self._is_late = True
             self.emcy.raise_error(EmcyCode.COMMUNICATION, data=WINDOW_TAG)
         for pdo in self._some_syncs:
             pdo.requested = False

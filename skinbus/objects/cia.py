@@ -51,6 +51,13 @@ EXPECTED_REVISION = 0x1F87
 EXPECTED_SERIAL = 0x1F88
 BOOT_TIME = 0x1F89
 
+PROGRAM_DATA = 0x1F50
+PROGRAM_CONTROL = 0x1F51
+PROGRAM_SOFTWARE = 0x1F56
+FLASH_STATUS = 0x1F57
+PROGRAM_COMMANDS = PROGRAM_STOP, PROGRAM_START, PROGRAM_CLEAR, PROGRAM_CONFIRM = 0, 1, 3, 0x80
+"""To 0x1F51, which answers with the last one, and with CONFIRM (of Zephyr) while a program is on trial."""
+
 # --- CiA 401: analogue inputs ----------------------------------------------------------------------
 READ_ANALOGUE_8 = 0x6400
 READ_ANALOGUE_16 = 0x6401

@@ -18,9 +18,9 @@ from skinbus.objects.eds import load_eds
 from skinbus.objects.guard import GFC_ID
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Werror")
-FLAGS = (*WARNINGS, "-O1", "-DSB_PERIOD_US=0")
-PAGE = 8192
-EMPTY = b"\xff" * 2 * PAGE
+PAGE, SLOT = 8192, 65536 + 16
+FLAGS = (*WARNINGS, "-O1", "-DSB_PERIOD_US=0", f"-DSB_PROGRAM_BYTES={SLOT}")
+EMPTY = b"\xff" * 2 * (PAGE + SLOT)
 PORT = Path(__file__).parent / "library.c"
 ALWAYS = 2**32 - 1
 ROOM = 64
@@ -54,7 +54,7 @@ class Code:
         class Library(c.Structure):
             _fields_ = (
                 *(("n_writes", c.c_uint32), ("n_out", c.c_uint32)),
-                *(("age_100us", c.c_uint16), ("status", c.c_uint8)),
+                *(("age_100us", c.c_uint16), ("status", c.c_uint8), ("is_restarting", c.c_bool)),
                 *(("readings", c.c_int16 * len(readings_of(layout))), ("out", SbFrame * ROOM)),
             )
 
@@ -91,7 +91,8 @@ class FirmwareDevice(Core):
     Args:
         code: its firmware.
         node_id: 1..127, or 255.
-        flash: two pages; kept over a loss of power by whoever keeps them. None: it cannot store.
+        flash: two pages and two slots for programs; kept over a loss of power by whoever keeps them. None: it
+            cannot store.
         n_writes: words of flash that can be written before the supply fails.
     """
 
@@ -102,9 +103,9 @@ class FirmwareDevice(Core):
         self._memory = c.create_string_buffer(self.library.library_size())
         self._face = code.library_type.from_buffer(self._memory)
         place = None if flash is None else c.c_void_p(c.addressof(c.c_char.from_buffer(flash)))
-        n_bytes = c.c_size_t(len(flash or b"") // 2)
-        self._at = c.c_void_p(self.library.library_init(self._memory, node_id, serial, place, n_bytes))
+        self._start = node_id, serial, place, c.c_size_t(PAGE if flash else 0)
         self._face.n_writes = n_writes
+        self._power_on()
         self._out = self._face.out
         self.readings = np.ctypeslib.as_array(self._face.readings)
         self._ids, self._ids_seen, self._cob_ids = (c.c_uint16 * 256)(), b"-", frozenset()
@@ -112,6 +113,9 @@ class FirmwareDevice(Core):
         self.age = np.zeros(1, np.uint16)
         """Of the next samples, 100 us."""
         self._status = 0
+
+    def _power_on(self):
+        self._at = c.c_void_p(self.library.library_init(self._memory, *self._start))
 
     @property
     def nmt_state(self):
@@ -210,6 +214,9 @@ class FirmwareDevice(Core):
             self.library.sb_receive(self._at, c.byref(own), now_us & 0xFFFFFFFF)
             self._take(now_ns, took)
         wait = self.library.sb_poll(self._at, now_us & 0xFFFFFFFF)
+        if self._face.is_restarting:
+            self._power_on()
+            wait = self.library.sb_poll(self._at, now_us & 0xFFFFFFFF)
         self._take(now_ns, took)
         took.sort(key=lambda frame: frame.can_id != GFC_ID)  # it has a mailbox of its own, and wins
         return Step(took, [], NEVER if wait == 2**32 - 1 else (now_us + wait) * 1000)

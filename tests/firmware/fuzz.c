@@ -49,6 +49,8 @@ static void make(struct sb_frame *frame, uint8_t node_id)
         frame->data[3] = (uint8_t)(run->sub + random_below(run->n + 1u));
         if ((run->index == 0x1010 || run->index == 0x1011) && random_below(4))
             memcpy(&frame->data[4], run->index == 0x1010 ? "save" : "load", 4);
+        else if (run->index == SB_PROGRAM_CONTROL)
+            frame->data[4] = (uint8_t[]){0, 0, 3, 1, 0x80}[random_below(5)];
         else if (run->index >= 0x1600 && run->index < 0x1C00 && random_below(2)) {
             const struct sb_run *to = &sb_runs[random_below(SB_N_RUNS)];
             sb_store(&frame->data[4], (uint32_t)to->index << 16 | (uint32_t)to->sub << 8 | 8u * to->size, 4);
@@ -74,6 +76,12 @@ static void write_limits(struct sb_board *b)
     sb_write(b, SB_GUARD_LIMITS, 0, data, random_below(20) ? sizeof data : random_below(sizeof data));
 }
 
+static void power_on(struct library *library, uint8_t node_id, uint8_t *flash, size_t page)
+{
+    library->n_writes = UINT32_MAX;
+    library_init(library, node_id, 1, flash, page);
+}
+
 int main(int n, char **words)
 {
     need(n == 3, "arguments: seed, number of frames");
@@ -82,17 +90,17 @@ int main(int n, char **words)
     const size_t page = 8192;
     struct library *library = calloc(1, library_size());
     struct sb_board *b = &library->board;
-    uint8_t *flash = malloc(2 * page);
+    uint8_t *flash = malloc(2 * page + 2 * SB_PROGRAM_BYTES);
     uint32_t now = 0xFFFF0000u; /* soon wraps around */
     unsigned long n_sent = 0, n_stops = 0;
-    memset(flash, 0xFF, 2 * page);
-    library_init(library, 5, 1, flash, page);
+    memset(flash, 0xFF, 2 * page + 2 * SB_PROGRAM_BYTES);
+    power_on(library, 5, flash, page);
     for (unsigned long i = 0; i < n_frames; i++) {
         struct sb_frame frame;
-        if (random_below(3000) == 0 || b->node_id == SB_UNCONFIGURED) {
-            library_init(library, random_below(10) ? 5 : SB_UNCONFIGURED, 1, flash, page);
+        if (random_below(3000) == 0 || b->node_id == SB_UNCONFIGURED || library->is_restarting) {
+            power_on(library, random_below(10) ? 5 : SB_UNCONFIGURED, flash, page);
             if (b->node_id == SB_UNCONFIGURED && random_below(4))
-                library_init(library, 5, 1, flash, 0);
+                power_on(library, 5, flash, 0);
         }
         if (random_below(500) == 0)
             library->n_writes = random_below(60);

@@ -10,9 +10,10 @@ struct library { /* callers set and read what comes before the board */
     uint32_t n_out;
     uint16_t age_100us;
     uint8_t status;
+    bool is_restarting;
     int16_t readings[SB_N_TACTELS];
     struct sb_frame out[ROOM];
-    uint8_t *flash; /* two pages */
+    uint8_t *flash; /* two pages, and two slots for programs */
     struct sb_board board;
 };
 
@@ -38,24 +39,37 @@ uint8_t sample(struct sb_board *b, int16_t readings[SB_N_TACTELS], uint16_t *age
     return library->status;
 }
 
+static uint8_t *place(struct sb_board *b, unsigned page)
+{
+    const size_t slot = page < SB_PROGRAMS ? 0 : page - SB_PROGRAMS;
+    return &library_of(b)->flash[(page - slot) * b->flash_bytes + slot * SB_PROGRAM_BYTES];
+}
+
 bool flash_read(struct sb_board *b, unsigned page, size_t at, uint8_t *data, size_t n)
 {
-    memcpy(data, &library_of(b)->flash[page * b->flash_bytes + at], n);
-    return true;
+    if (library_of(b)->flash)
+        memcpy(data, place(b, page) + at, n);
+    return library_of(b)->flash;
 }
 
 bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t data[8])
 {
     struct library *library = library_of(b);
-    uint8_t *to = &library->flash[page * b->flash_bytes];
-    if (!library->n_writes)
+    uint8_t *to = place(b, page);
+    const size_t n_bytes = page < SB_PROGRAMS ? b->flash_bytes : SB_PROGRAM_BYTES;
+    if (!library->n_writes || !library->flash)
         return false;
     const bool is_torn = --library->n_writes == 0; /* the supply fails within this word, or this erasing */
     if (at == 0)
-        memset(to, 0xFF, is_torn ? b->flash_bytes / 2 : b->flash_bytes);
+        memset(to, 0xFF, is_torn ? n_bytes / 2 : n_bytes);
     for (unsigned i = 0; i < (is_torn ? 3 : 8); i++)
         to[at + i] &= data[i]; /* flash only clears bits */
     return !is_torn;
+}
+
+void restart(struct sb_board *b)
+{
+    library_of(b)->is_restarting = true; /* whoever loads the library starts it again */
 }
 
 /* Main loops have can_receive and micros; whoever loads the library has both, for sb_receive and sb_poll. */
@@ -69,7 +83,9 @@ struct sb_board *library_init(struct library *library, uint8_t node_id, uint32_t
 {
     library->board.port = library;
     library->flash = flash;
-    library->n_writes = UINT32_MAX;
+    library->is_restarting = false;
+    library->board.flash_bytes = n; /* place() needs it already */
+    sb_program_choose(&library->board, true);
     sb_init(&library->board, node_id, serial, n);
     return &library->board;
 }

@@ -40,6 +40,7 @@ def test_firmware_for_a_microcontroller_is_small(tmp_path, cpu):
         "-Wno-unused-parameter",
         "-Os",
         "-ffreestanding",
+        "-DSB_PROGRAM_BYTES=0x8800",
         f"-I{tmp_path}",
         f"-I{tmp_path / 'core'}",
         "-c",

@@ -1,4 +1,4 @@
-"""`skinbus board`: the EDS of a board of one's own, its firmware, and both checked."""
+"""`skinbus board`: the EDS of a board of one's own, its firmware, both checked, and programs for boards."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from skinbus.cli import output
 from skinbus.cli.commands.scan import NO_NODE
 from skinbus.cli.console import Console
 from skinbus.cli.host import run_to_end
-from skinbus.cli.options import POSITIVE, Where, bus_options, file_option
+from skinbus.cli.options import INPUT, POSITIVE, Where, arm_bus_options, bus_options, file_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_columns
 from skinbus.cli.progress import progress
@@ -25,6 +25,7 @@ from skinbus.errors import ConfigError, EdsError
 from skinbus.firmware import write_project, write_relay
 from skinbus.formatting import counted
 from skinbus.gateway.positions import lay_flat
+from skinbus.master.commissioning.flash import Flasher
 from skinbus.master.commissioning.patch_check import (
     N_SYNCS,
     RULES,
@@ -33,8 +34,10 @@ from skinbus.master.commissioning.patch_check import (
     RuleResult,
 )
 from skinbus.master.commissioning.scan import Scanner
+from skinbus.master.commissioning.sessions import timeouts_of
 from skinbus.model.patch import MAX_TACTELS
 from skinbus.node.context import NS_PER_MS
+from skinbus.node.sdo_server import SEGMENT
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import build_od, find_eds, load_eds, read_eds
 from skinbus.objects.eds_file import text_of
@@ -42,13 +45,14 @@ from skinbus.objects.eds_lint import lint
 from skinbus.objects.guard import liveness_pdo
 from skinbus.objects.new_board import NewBoard, module_dcf
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
+from skinbus.objects.program_image import read_image
 
 STYLES = {Grade.PASS: "", Grade.FAIL: "bold red", Grade.SKIPPED: "dim"}
 
 
 @click.group()
 def command() -> None:
-    """Make the EDS of a board of your own and its firmware, and check both.
+    """Make the EDS of a board of your own and its firmware, check both, and download programs.
 
     \b
     Examples:
@@ -56,6 +60,7 @@ def command() -> None:
       skinbus board lint my-board.eds
       skinbus board firmware my-board.eds --out my-board/
       skinbus board check -c can0 --node 5 --eds my-board.eds
+      skinbus board flash my-arm.toml image.bin -c can0
     """
 
 
@@ -370,3 +375,56 @@ def check(
     n_failed = sum(result.grade is Grade.FAIL for result in core.results)
     console.print(f"rules that fail: {n_failed}" if n_failed else "all rules that were checked hold")
     sys.exit(0 if core.passed and len(core.results) == len(RULES) else 1)
+
+
+@command.command()
+@click.argument("arm")
+@click.argument("image", type=INPUT)
+@click.option(
+    "--node", "only", multiple=True, type=click.IntRange(1, 126), help="Node-ID of one of its boards."
+)
+@click.option("--parallel", is_flag=True, help="All boards at once, not one after another.")
+@arm_bus_options
+def flash(arm: str, image: Path, only: tuple[int, ...], parallel: bool, where: Where) -> None:
+    """Give the boards of ARM the program of IMAGE, over the bus.
+
+    The build of a board makes IMAGE, see docs/firmware.md. Nothing is erased unless all boards answer and the
+    image is for them. Each board starts its new program, and keeps it once that was operational; otherwise it
+    runs the old one again at its next start. The first board that fails is the last one, but with --parallel.
+    Boards are left pre-operational; stop the master first.
+
+    Status 0: all boards run the program. 1: one does not. 2: bad file or argument. 3: no bus, or a master
+    is active.
+
+    \b
+    Examples:
+      skinbus board flash my-arm.toml image.bin -c can0
+      skinbus board flash my-arm.toml image.bin -c can0 --node 5
+    """
+    loaded, place = where.of(load_arm(arm))
+    data = image.read_bytes()
+    if not (head := read_image(data)):
+        raise ConfigError.of(image, "image", None, "one that image.py has made, whole (docs/firmware.md)")
+    node_ids = only or tuple(loaded.node_id.tolist())
+    console, timeouts = Console(), timeouts_of(loaded)
+    core = Flasher(node_ids, data, timeouts, asks_only=True)
+    run_to_end(core, place)
+    core.other_master.refuse(str(place))
+    before, runs, faults = core.runs, dict(core.runs), core.results
+    with progress(console, "segments", len(node_ids) * -(-len(data) // SEGMENT)) as advance:
+        for group in [node_ids] if parallel else [[node_id] for node_id in node_ids]:
+            if len(faults) == len(node_ids) and not any(faults.values()):
+                core = Flasher(group, data, timeouts, advance=advance)
+                run_to_end(core, place, console.print)
+                runs, faults = runs | core.runs, faults | core.results
+    rows = [
+        (n, *(_program(crc.get(n), *head) for crc in (before, runs)), faults.get(n, "")) for n in node_ids
+    ]
+    console.table(("node", "program before", "program now", "fault"), rows)
+    sys.exit(0 if all(runs.get(n) == head[0] and faults.get(n) == "" for n in node_ids) else 1)
+
+
+def _program(crc: int | None, of_image: int, vendor: int, product: int, version: int) -> str:
+    """Return the name of a program: its checksum, and its version if it is that of the image."""
+    name = "none" if crc is None else f"0x{crc:08X}"
+    return f"{name} (version {version})" if crc == of_image else name

@@ -109,6 +109,8 @@ static void enter(struct sb_board *b, uint8_t state)
         b->sync_closes = SB_NEVER;
         b->sdo_command = 0;
     }
+    if (state == SB_OPERATIONAL)
+        sb_program_confirm(b);
     sb_pdo_enter(b);
     sb_emcy_tick(b);
 }
@@ -130,14 +132,6 @@ static uint64_t heartbeat_tick(struct sb_board *b)
     else if ((b->beat += period) <= b->now) /* beats that were missed are not made up for */
         b->beat = b->now + period;
     return b->beat;
-}
-
-/* What 0x1029 says of a lost heartbeat (CiA 301, 7.5.2.28). */
-static void communication_error(struct sb_board *b)
-{
-    const uint32_t choice = sb_get(b, 0x1029, 1);
-    if (b->state == SB_OPERATIONAL && (choice == 0 || choice == 2))
-        enter(b, choice ? SB_STOPPED : SB_PRE_OPERATIONAL);
 }
 
 static uint32_t life_time(const struct sb_board *b)
@@ -209,6 +203,7 @@ static void heartbeat_receive(struct sb_board *b, const struct sb_frame *frame)
 
 static uint64_t watched_tick(struct sb_board *b)
 {
+    const uint32_t choice = sb_get(b, 0x1029, 1);
     uint64_t wake = SB_NEVER;
     bool is_lost = false;
     for (struct sb_watched *node = b->watched; node <= b->watched + SB_CONSUMED_ROOM; node++) {
@@ -219,8 +214,8 @@ static uint64_t watched_tick(struct sb_board *b)
         }
         wake = sb_earlier(wake, node->due);
     }
-    if (is_lost)
-        communication_error(b);
+    if (is_lost && b->state == SB_OPERATIONAL && !(choice & ~2u)) /* CiA 301, 7.5.2.28 */
+        enter(b, choice ? SB_STOPPED : SB_PRE_OPERATIONAL);
     return wake;
 }
 
@@ -249,12 +244,12 @@ static void boot(struct sb_board *b, bool is_application)
     b->is_mark_old = b->is_mark_old && !is_application;
     if (b->is_mark_old)
         sb_clear_marks(b);
-    b->n_errors = b->n_waiting = b->guard_toggle = 0;
+    b->emcy_free = b->n_errors = b->n_waiting = b->guard_toggle = 0;
     sb_put(b, 0x1001, 0, 0);
     sb_put(b, 0x1003, 0, 0);
     sb_put(b, SB_GUARD, 1, 0);
     sb_put(b, SB_GUARD, 2, 0);
-    b->emcy_free = 0;
+    sb_program_choose(b, false);
     b->beat = b->sync_closes = SB_NEVER;
     sb_pdo_configure(b);
     for (unsigned i = 0; i <= SB_CONSUMED_ROOM; i++)
@@ -272,8 +267,7 @@ static void boot(struct sb_board *b, bool is_application)
 void sb_reset(struct sb_board *b, bool is_application)
 {
     enter(b, SB_INITIALISING);
-    b->lss_configures = false;
-    b->lss_next = 0;
+    b->lss_next = b->lss_configures = false;
     b->node_id = b->next_node_id;
     sb_load_defaults(b, is_application);
     boot(b, is_application);
@@ -284,7 +278,9 @@ void sb_command(struct sb_board *b, uint8_t command)
     const uint8_t state = command == SB_START ? SB_OPERATIONAL
                           : command == SB_STOP ? SB_STOPPED
                           : command == SB_ENTER_PRE_OPERATIONAL ? SB_PRE_OPERATIONAL : b->state;
-    if (command == SB_RESET_NODE || command == SB_RESET_COMMUNICATION)
+    if (command == SB_RESET_NODE && (b->has_new_program || b->program_status == SB_ON_TRIAL))
+        b->is_restarting = true;
+    else if (command == SB_RESET_NODE || command == SB_RESET_COMMUNICATION)
         sb_reset(b, command == SB_RESET_NODE);
     else if (state != b->state)
         enter(b, state);
@@ -329,9 +325,7 @@ uint32_t sb_node_check(struct sb_board *b, uint16_t index, uint8_t sub, uint32_t
 
 void sb_init(struct sb_board *b, uint8_t node_id, uint32_t serial, size_t flash_bytes)
 {
-    void *port = b->port;
-    memset(b, 0, sizeof *b);
-    b->port = port;
+    memset(&b->now, 0, sizeof *b - offsetof(struct sb_board, now));
     b->flash_bytes = flash_bytes;
     b->node_id = b->next_node_id = node_id;
     b->bit_rate = 0xFF;
@@ -394,6 +388,10 @@ uint32_t sb_poll(struct sb_board *b, uint32_t now_us)
         sb_scan_tick, sb_sdo_tick, heartbeat_tick, watched_tick, sb_pdo_tick, sb_emcy_tick};
     uint64_t wake = SB_NEVER;
     be_booted(b, now_us);
+    if (b->is_restarting) {
+        restart(b);
+        return 1;
+    }
     for (unsigned i = 0; i < sizeof ticks / sizeof *ticks; i++)
         wake = sb_earlier(wake, ticks[i](b));
     if (wake <= b->now)

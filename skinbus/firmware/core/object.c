@@ -150,6 +150,8 @@ uint32_t sb_read(struct sb_board *b, uint16_t index, uint8_t sub, uint8_t **data
         sb_put(b, index, sub, b->flash_bytes != 0);
     else if (index == HISTORY && sub > sb_get(b, HISTORY, 0))
         return ABORT_NO_DATA; /* CiA 301, 7.5.2.4 */
+    else if (index == SB_PROGRAM_CONTROL || index == SB_PROGRAM_SOFTWARE)
+        sb_program_show(b);
     *data = sb_at(b, index, sub);
     *n = sb_find(index, sub)->size;
     if (!*n) {
@@ -188,11 +190,6 @@ uint32_t sb_check_cob_id(uint32_t value, uint32_t old, uint32_t allowed)
     return is_restricted || (!(old & COB_INVALID) && (old ^ value) & 0x7FF) ? ABORT_VALUE : 0;
 }
 
-uint32_t sb_ask_host(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data)
-{
-    return b->on_write ? b->on_write(b, index, sub, data) : 0;
-}
-
 /* A manager reads 0x1020 to find whether it has to configure the board again (CiA 301, 7.5.2.24). */
 void sb_clear_marks(struct sb_board *b)
 {
@@ -208,12 +205,14 @@ uint32_t sb_write(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t
     uint32_t code;
     if ((code = sb_check(run, data)) != 0 || (code = sb_pdo_check(b, index, sub, value)) != 0 ||
         (code = sb_node_check(b, index, sub, value)) != 0 || (code = sb_guard_check(index, data, n)) != 0 ||
-        (code = sb_ask_host(b, index, sub, data)) != 0)
+        (b->on_write && (code = b->on_write(b, index, sub, data)) != 0))
         return code;
     if (index == SB_GUARD)
         return sb_guard_acknowledge(b, value);
     if (index == STORE || index == RESTORE)
         return sb_storage_command(b, index, sub, data);
+    if (index == SB_PROGRAM_CONTROL)
+        return sb_program_command(b, data[0]);
     const bool is_new = !run->size || memcmp(sb_at(b, index, sub), data, n) != 0;
     if (is_new && index == MARKS)
         b->is_mark_old = false;

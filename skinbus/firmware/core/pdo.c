@@ -281,7 +281,7 @@ static void apply(struct sb_board *b, const struct sb_pdo *pdo, const uint8_t *f
             copy_bits(value, 0, from, bit, slot->bits);
             if (pass == 2)
                 sb_set(b, slot->index, slot->sub, value, sb_find(slot->index, slot->sub)->size);
-            else if (pass ? sb_ask_host(b, slot->index, slot->sub, value)
+            else if (pass ? b->on_write && b->on_write(b, slot->index, slot->sub, value)
                           : sb_check(sb_find(slot->index, slot->sub), value)) {
                 b->dropped++;
                 return;

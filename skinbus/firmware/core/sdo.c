@@ -49,6 +49,9 @@ static uint32_t begin_download(struct sb_board *b, bool is_announced, uint32_t n
 {
     const struct sb_run *run = sb_find(b->sdo_index, b->sdo_sub);
     const uint32_t size = run->size, room = sb_room(run);
+    const uint32_t code = b->sdo_index == SB_PROGRAM_DATA ? sb_program_begin(b) : 0;
+    if (code)
+        return code;
     if (is_announced && n > room)
         return size ? ABORT_LENGTH_HIGH : ABORT_MEMORY;
     if (is_announced && n < size)
@@ -67,13 +70,14 @@ static uint32_t take(struct sb_board *b, const uint8_t *data, uint32_t n, bool i
 {
     if (b->sdo_done + n > b->sdo_most)
         return ABORT_LENGTH_HIGH;
+    if (is_last && b->sdo_done + n < b->sdo_least)
+        return ABORT_LENGTH_LOW;
+    b->sdo_command = is_last ? 0 : DOWNLOAD;
+    if (b->sdo_index == SB_PROGRAM_DATA)
+        return sb_program_take(b, data, n, is_last);
     memcpy(&b->sdo_data[b->sdo_done], data, n);
     b->sdo_done += n;
-    if (!is_last)
-        return 0;
-    b->sdo_command = 0;
-    return b->sdo_done < b->sdo_least ? ABORT_LENGTH_LOW
-                                      : sb_write(b, b->sdo_index, b->sdo_sub, b->sdo_data, b->sdo_done);
+    return is_last ? sb_write(b, b->sdo_index, b->sdo_sub, b->sdo_data, b->sdo_done) : 0;
 }
 
 static void download(struct sb_board *b, const uint8_t *data)

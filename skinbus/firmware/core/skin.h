@@ -20,6 +20,12 @@
 #define SB_NOWHERE 0xFFFFu
 #define SB_UNCONFIGURED 0xFFu /* node-ID of a board that has none */
 #define SB_NEVER UINT64_MAX
+#ifndef SB_PROGRAM_BYTES
+#define SB_PROGRAM_BYTES 0 /* of each of pages 2 and 3 of flash, a multiple of 8; 0: no program download */
+#endif
+#define SB_PROGRAMS 2u
+#define SB_PROGRAM_MARKS 16u /* bytes at the end of such a page, after the room for an image */
+#define SB_PROGRAM_ROOM (SB_PROGRAM_BYTES ? SB_PROGRAM_BYTES - SB_PROGRAM_MARKS : 0)
 #define SB_GFC 0x001 /* global fail-safe command (EN 50325-5) */
 
 /* --- The object dictionary, as tables ------------------------------------------------------------- */
@@ -66,7 +72,10 @@ uint32_t micros(struct sb_board *b);                          /* may wrap around
 uint8_t sample(struct sb_board *b, int16_t readings[SB_N_TACTELS], uint16_t *age_100us); /* left-adjusted;
     returns SB_OLD, SB_UNSETTLED or 0; age: time from sampling to now */
 bool flash_read(struct sb_board *b, unsigned page, size_t at, uint8_t *data, size_t n);
-bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t data[8]); /* at 0: erases the page */
+bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t data[8]); /* at 0: erases the page
+    first, from its beginning */
+void restart(struct sb_board *b); /* as by power-on, once what can_send took is sent: the boot program starts what
+    sb_program_choose returns */
 void relay_output(struct sb_board *b, bool closed); /* of a stop relay only, which has no tactels and no flash */
 
 /* --- State ---------------------------------------------------------------------------------------- */
@@ -99,12 +108,12 @@ struct sb_watched { /* a node that shows that it lives, its value in 0x1016, and
 };
 
 struct sb_board {
-    uint64_t now; /* us */
+    void *port;   /* of the board layer */
+    uint64_t now; /* us; sb_init clears from here on */
     uint8_t node_id, next_node_id, bit_rate, state;
     bool is_booted, is_mark_old; /* a parameter that outlives a reset of the communication was changed */
     uint32_t dropped;            /* frames that broke a rule */
     size_t flash_bytes;          /* of a page; 0: nothing can be stored */
-    void *port;                  /* of the board layer */
 
     uint32_t (*on_write)(struct sb_board *, uint16_t index, uint8_t sub, const uint8_t *data); /* may be NULL; an
         abort code refuses a write from the bus, such as a command (0x2050) */
@@ -129,6 +138,11 @@ struct sb_board {
     uint8_t *sdo_data, sdo_buffer[SB_GUARD_ROOM]; /* for numbers, too */
     uint64_t sdo_deadline;
 
+    unsigned program_slot; /* of the program that runs */
+    uint8_t program_status;
+    bool has_new_program, is_slot_used, is_restarting; /* used: the other slot was written since it was cleared */
+    uint32_t program_sequence, program_crc;
+
     bool lss_configures;
     uint8_t lss_scanned, lss_next; /* the command that goes on with naming a board */
 
@@ -138,6 +152,8 @@ struct sb_board {
 /* --- For ports ------------------------------------------------------------------------------------ */
 
 void sb_init(struct sb_board *b, uint8_t node_id, uint32_t serial, size_t flash_bytes); /* keeps b->port */
+unsigned sb_program_choose(struct sb_board *b, bool is_start); /* for a boot program, true: returns the page whose
+    program is to start, 0 for none; needs b->port only */
 void sb_receive(struct sb_board *b, const struct sb_frame *frame, uint32_t now_us);
 uint32_t sb_poll(struct sb_board *b, uint32_t now_us); /* returns the us until it wants to be called again */
 bool sb_hears(struct sb_board *b, uint16_t id, bool is_remote); /* for filters of the controller */
@@ -166,7 +182,7 @@ enum {
     ABORT_INCOMPATIBLE = 0x06040043, ABORT_HARDWARE = 0x06060000, ABORT_LENGTH_HIGH = 0x06070012,
     ABORT_LENGTH_LOW = 0x06070013, ABORT_NO_SUB_INDEX = 0x06090011, ABORT_VALUE = 0x06090030,
     ABORT_VALUE_HIGH = 0x06090031, ABORT_VALUE_LOW = 0x06090032, ABORT_NOT_STORED = 0x08000020,
-    ABORT_LOCAL_CONTROL = 0x08000021, ABORT_NO_DATA = 0x08000024
+    ABORT_LOCAL_CONTROL = 0x08000021, ABORT_DEVICE_STATE = 0x08000022, ABORT_NO_DATA = 0x08000024
 };
 enum {
     ERROR_DATA_SET = 0x6300, ERROR_COMMUNICATION = 0x8100, ERROR_HEARTBEAT = 0x8130, ERROR_PDO_LENGTH = 0x8210,
@@ -209,7 +225,6 @@ uint32_t sb_check_cob_id(uint32_t value, uint32_t old, uint32_t allowed);
 uint32_t sb_permit(uint16_t index, uint8_t sub, uint8_t right);
 uint32_t sb_read(struct sb_board *b, uint16_t index, uint8_t sub, uint8_t **data, uint32_t *n);
 uint32_t sb_write(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data, uint32_t n);
-uint32_t sb_ask_host(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data);
 uint32_t sb_crc(uint32_t crc, const uint8_t *data, size_t n);
 
 /* node.c */
@@ -253,5 +268,13 @@ void sb_lss_receive(struct sb_board *b, const struct sb_frame *frame);
 bool sb_storage_load(struct sb_board *b, unsigned groups); /* false: damaged, or of another device */
 uint32_t sb_storage_command(struct sb_board *b, uint16_t index, uint8_t sub, const uint8_t *data);
 uint32_t sb_storage_keep_node_id(struct sb_board *b);
+
+/* program.c */
+enum { SB_PROGRAM_DATA = 0x1F50, SB_PROGRAM_CONTROL = 0x1F51, SB_PROGRAM_SOFTWARE = 0x1F56, SB_ON_TRIAL = 0x80 };
+void sb_program_show(struct sb_board *b);
+bool sb_program_confirm(struct sb_board *b);
+uint32_t sb_program_command(struct sb_board *b, uint8_t command);
+uint32_t sb_program_begin(struct sb_board *b);
+uint32_t sb_program_take(struct sb_board *b, const uint8_t *data, uint32_t n, bool is_last);
 
 #endif

@@ -1,4 +1,4 @@
-/* A board layer to fill in: six functions and a main loop. Each comment says what the hardware has to do. */
+/* A board layer to fill in: seven functions and a main loop. Each comment says what the hardware has to do. */
 #include "skin.h"
 
 #define NODE_ID SB_UNCONFIGURED /* LSS gives one; or a number from switches, 1 to 127 */
@@ -49,6 +49,12 @@ bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t dat
 {
     /* At 0 erase the page first. Words come in order. */
     return false;
+}
+
+void restart(struct sb_board *b)
+{
+    /* Let frames out that wait, and reset the processor. A boot program that is never replaced then calls sb_program_choose, and starts the
+     * program in that page, from byte 32 on. ports/stm32f072.c has one. */
 }
 
 void relay_output(struct sb_board *b, bool closed)

@@ -19,13 +19,17 @@
 #define FLASH(at) REG(0x40022000u + (at))
 #define MAILBOX(k) (0x180u + 0x10u * (k))
 
-#define PARAMETERS 0x0801C000u /* two times 8 kB at the end of the flash */
 #define FLASH_BYTES 8192u
+#define LINKED 4u /* the place that a program is linked for */
+#ifndef BOOT
+#define BOOT 0
+#endif
 #define FLASH_PAGE 2048u
 #define CONVERTER_BITS 12
 #define SETTLE_US 10u
 #define QUEUE 16u /* frames that wait for their mailbox: a SYNC asks for eight at most */
 
+static const uint32_t places[] = {0x0801C000u, 0x0801E000u, 0x08001800u, 0x0800A000u, 0x08012800u}; /* of pages */
 static struct sb_board board;
 static struct sb_frame queue[QUEUE];
 static unsigned first, n_queued;
@@ -111,16 +115,16 @@ uint8_t sample(struct sb_board *b, int16_t readings[SB_N_TACTELS], uint16_t *age
 
 bool flash_read(struct sb_board *b, unsigned page, size_t at, uint8_t *data, size_t n)
 {
-    memcpy(data, (const void *)(uintptr_t)(PARAMETERS + page * b->flash_bytes + at), n);
+    memcpy(data, (const void *)(uintptr_t)(places[page] + at), n);
     return true;
 }
 
 bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t data[8])
 {
-    const uint32_t to = PARAMETERS + page * b->flash_bytes + at;
+    const uint32_t to = places[page] + at;
     FLASH(0x04) = 0x45670123u; /* KEYR */
     FLASH(0x04) = 0xCDEF89ABu;
-    for (uint32_t erased = 0; at == 0 && erased < b->flash_bytes; erased += FLASH_PAGE) {
+    for (uint32_t erased = 0; at == 0 && erased < (page < SB_PROGRAMS ? FLASH_BYTES : SB_PROGRAM_BYTES); erased += FLASH_PAGE) {
         FLASH(0x10) = 2; /* CR: PER */
         FLASH(0x14) = to + erased;
         FLASH(0x10) = 0x42; /* STRT */
@@ -135,6 +139,13 @@ bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t dat
     }
     FLASH(0x10) = 0x80; /* LOCK */
     return memcmp((const void *)(uintptr_t)to, data, 8) == 0;
+}
+
+void restart(struct sb_board *b)
+{
+    while (n_queued || (CAN(0x08) >> 26 & 7) != 7) /* TSR: TME of all mailboxes */
+        send_queued();
+    REG(0xE000ED0Cu) = 0x05FA0004u; /* AIRCR: SYSRESETREQ */
 }
 
 void relay_output(struct sb_board *b, bool closed)
@@ -198,9 +209,23 @@ static void stop(void)
 __attribute__((section(".vectors"), used)) static void (*const vectors[16])(void) = {
     (void (*)(void))0x20004000u, reset, stop, stop}; /* the end of the RAM; nothing is done in interrupts */
 
+/* Of the boot program: bring the program that is to start to the place that it is linked for. */
+static int start_program(void)
+{
+    const uint32_t page = sb_program_choose(&board, true), from = places[page] + 32, to = places[LINKED];
+    const uint32_t n = page ? REG(places[page] + 8) - 16 : 0;
+    if (memcmp((const void *)(uintptr_t)to, (const void *)(uintptr_t)from, n) != 0)
+        for (uint32_t at = 0; at < n; at += 8)
+            flash_write(&board, LINKED, at, (const uint8_t *)(uintptr_t)(from + at));
+    __asm__ volatile("msr msp, %0\n\tbx %1" : : "r"(REG(to)), "r"(REG(to + 4)));
+    return 0;
+}
+
 int main(void)
 {
     const uint32_t serial = REG(0x1FFFF7ACu) ^ REG(0x1FFFF7B0u) ^ REG(0x1FFFF7B4u); /* of the part */
+    if (BOOT)
+        return start_program();
     start_hardware();
     sb_init(&board, SB_UNCONFIGURED, serial, FLASH_BYTES);
     for (;;) {

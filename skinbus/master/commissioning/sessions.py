@@ -25,12 +25,16 @@ INITIATE_ANSWERS = (2, 3)
 """Command specifiers of answers that name their object: to the request of an upload and of a download."""
 
 
+SLOW = (cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS, cia.PROGRAM_DATA, cia.PROGRAM_CONTROL)
+"""Objects whose writes take the time of flash."""
+
+
 class Timeouts(NamedTuple):
     """How long an answer is awaited (ns)."""
 
     sdo_ns: int = DEFAULT_TIMEOUT_NS
     store_ns: int = BusSettings().store_timeout_ms * NS_PER_MS
-    """To a store or restore command (0x1010, 0x1011): flash is slow."""
+    """To a write of what takes the time of flash."""
 
 
 class Request(NamedTuple):
@@ -85,7 +89,7 @@ class SdoTransfer(SdoClient):
     """A transfer under way."""
 
     def __init__(self, request: Request, node_id: int, timeouts: Timeouts) -> None:
-        is_slow = request.data is not None and request.index in (cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS)
+        is_slow = request.data is not None and request.index in SLOW
         super().__init__(node_id, timeout_ns=timeouts.store_ns if is_slow else timeouts.sdo_ns)
         self.key = HEAD.pack(0, request.index, request.sub)[1:]
         """By which its answers are known: index and sub-index."""
@@ -250,6 +254,8 @@ class NodesCore(Core, Generic[T]):
     ) -> None:
         self.other_master = OtherMaster()
         self._node_ids = tuple(node_ids)
+        self.results: dict[int, T] = {}
+        """What scripts have returned, by node-ID."""
         self._sessions: Sessions[T] = Sessions(timeouts)
         self._listens_ns, self._lasts_ns = listens_ns, lasts_ns
         self._begin_ns: int | None = None
@@ -261,9 +267,6 @@ class NodesCore(Core, Generic[T]):
     @abstractmethod
     def _script(self, node_id: int) -> Script[T]:
         """Return the script of a node."""
-
-    def _conclude(self, node_id: int, result: T) -> None:
-        """Take what a script has returned."""
 
     def _first(self) -> list[Frame]:
         """Return what is sent before all scripts."""
@@ -293,8 +296,7 @@ class NodesCore(Core, Generic[T]):
             if (sender := self._node_of.get(frame.can_id)) is not None:
                 by_node.setdefault(sender, []).append(frame)
         requests, ended = self._sessions.step(now_ns, by_node)
-        for node_id, result in ended:
-            self._conclude(node_id, result)
+        self.results |= ended
         wake_ns = self._sessions.wake_ns if self._sessions else max(self._end_ns, now_ns)
         is_over = not self._sessions and now_ns >= self._end_ns
         stop = [Event(now_ns, EventKind.STOP)] * is_over

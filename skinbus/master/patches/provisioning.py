@@ -424,7 +424,6 @@ class Configurer(NodesCore[Provisioned]):
     def __init__(
         self, plans: Sequence[ExpectedNode], *, dry_run: bool = False, timeouts: Timeouts | None = None
     ) -> None:
-        self.results: dict[int, Provisioned] = {}
         self._plans = {plan.node_id: plan for plan in plans}
         self._task = Task.COMPARE if dry_run else Task.CONFIGURE
         super().__init__(self._plans, timeouts, listens_ns=LISTEN_NS)
@@ -445,6 +444,3 @@ class Configurer(NodesCore[Provisioned]):
             if result.outcome is not Provision.ABSENT or result.changes:
                 break
         return result
-
-    def _conclude(self, node_id: int, result: Provisioned) -> None:
-        self.results[node_id] = result

@@ -1,0 +1,111 @@
+"""New programs for boards (CiA 302-3), in the order that Zephyr's runner `canopen_program.py` has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from skinbus.can.frame import Frame
+from skinbus.errors import RemoteProtocolError
+from skinbus.master.commissioning.sessions import Listen, NodesCore, Reply, Request, Script, Timeouts
+from skinbus.node.context import NS_PER_MS
+from skinbus.node.nmt import nmt_frame
+from skinbus.node.sdo_client import expedited_write
+from skinbus.objects import cia
+from skinbus.objects.cia import NmtCommand
+from skinbus.objects.program_image import read_image
+
+LISTEN_NS = 100 * NS_PER_MS
+"""For the SYNC of a master at work, and for a change of state."""
+START_NS = 10_000 * NS_PER_MS
+"""For the boot-up message of a new program."""
+READY_TRIES = 100
+"""Looks at the state of flash."""
+
+
+class Flasher(NodesCore[str]):
+    """A core that gives boards a program, side by side, and then asks its host to stop.
+
+    Args:
+        node_ids: of the boards.
+        image: of the program, whole.
+        asks_only: what they are and run; nothing is changed.
+        advance: called with the number of segments that are sent.
+
+    ``runs`` has the checksum of what each board that answers runs, ``results`` what went wrong, or nothing.
+    """
+
+    def __init__(
+        self,
+        node_ids: Iterable[int],
+        image: bytes,
+        timeouts: Timeouts | None = None,
+        *,
+        asks_only: bool = False,
+        advance: Callable[[int], object] = lambda n: None,
+    ) -> None:
+        super().__init__(node_ids, timeouts, listens_ns=LISTEN_NS)
+        self._image, self._asks_only, self._advance = image, asks_only, advance
+        self.runs: dict[int, int] = {}
+
+    def _hear(self, frame: Frame) -> None:
+        if frame.data[:1] in (b"\x20", b"\x30"):  # it has taken a segment
+            self._advance(1)
+
+    def _script(self, node_id: int) -> Script[str]:
+        try:
+            yield from self._flash(node_id)
+        except RemoteProtocolError as fault:
+            return str(fault)
+        return ""
+
+    def _flash(self, node_id: int) -> Script[None]:
+        crc, vendor, product, _ = read_image(self._image)
+        for sub, wanted in ((cia.IDENTITY_VENDOR, vendor), (cia.IDENTITY_PRODUCT, product)):
+            seen = yield from _ask(cia.IDENTITY, sub=sub)
+            _need(seen == wanted, f"0x1018:{sub:02X} is 0x{seen:X}; the image is for 0x{wanted:X}")
+        yield from _ask(cia.FLASH_STATUS)
+        self.runs[node_id] = yield from _ask(cia.PROGRAM_SOFTWARE)
+        if self._asks_only or self.runs[node_id] == crc:
+            return
+        yield Listen(LISTEN_NS, send=(nmt_frame(NmtCommand.PRE_OPERATIONAL, node_id),))
+        yield from _ask(cia.PROGRAM_CONTROL, bytes([cia.PROGRAM_STOP]))
+        yield from _ask(cia.PROGRAM_CONTROL, bytes([cia.PROGRAM_CLEAR]))
+        yield from _ready()
+        yield from _ask(cia.PROGRAM_DATA, self._image)
+        yield from _ready()
+        seen = yield from _ask(cia.PROGRAM_SOFTWARE)
+        _need(seen == crc, f"its checksum after the download is 0x{seen:08X}")
+        # by hand: the boot-up message may come with the answer
+        start = expedited_write(cia.PROGRAM_CONTROL, 1, bytes([cia.PROGRAM_START]))
+        send = (Frame(cia.SDO_CLIENT_BASE + node_id, start),)
+        heard = yield Listen(START_NS, lambda frame: frame.data == b"\0", send)
+        booted = any(frame.data == b"\0" for frame in heard)
+        _need(booted, "silent after the start; switched off and on, it runs its old program again")
+        self.runs[node_id] = yield from _ask(cia.PROGRAM_SOFTWARE)
+        _need(self.runs[node_id] == crc, "it has started its old program again")
+        for command in (NmtCommand.START, NmtCommand.PRE_OPERATIONAL):  # the first confirms it, or the last
+            yield Listen(LISTEN_NS, send=(nmt_frame(command, node_id),))
+        if (yield from _ask(cia.PROGRAM_CONTROL)) == cia.PROGRAM_CONFIRM:
+            yield from _ask(cia.PROGRAM_CONTROL, bytes([cia.PROGRAM_CONFIRM]))
+
+
+def _need(is_so: bool, otherwise: str) -> None:
+    if not is_so:
+        raise RemoteProtocolError(otherwise)
+
+
+def _ask(index: int, data: bytes | None = None, sub: int = 1) -> Script[int]:
+    """Read a number, or write; RemoteProtocolError where that is refused or not answered."""
+    reply: Reply = yield Request(index, sub, data)
+    what = "no answer" if reply.is_silent else cia.describe_abort(reply.abort)
+    _need(not reply.abort, f"0x{index:04X}:{sub:02X}: {what}")
+    return int.from_bytes(reply.data, "little")
+
+
+def _ready() -> Script[None]:
+    """Wait until flash is written or erased."""
+    for _ in range(READY_TRIES):
+        if not (yield from _ask(cia.FLASH_STATUS)):
+            return
+        yield Listen(LISTEN_NS)
+    _need(is_so=False, otherwise="its flash is not ready: 0x1F57 is not 0")
