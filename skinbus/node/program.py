@@ -47,7 +47,7 @@ class ProgramService(Part):
         """Start a new program, or again the old one if the new one was not confirmed."""
         kept, self.is_restarting = self._kept, False
         if NEW in kept:
-            kept[TRIED] = kept.pop(NEW)
+            kept[TRIED if RUNNING in kept else RUNNING] = kept.pop(NEW)
         elif RUNNING in kept:
             kept.pop(TRIED, None)
 

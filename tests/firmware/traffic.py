@@ -8,8 +8,10 @@ import numpy as np
 
 from skinbus.can.fd import CLASSIC_BYTES, LENGTHS
 from skinbus.can.frame import RTR, Frame
+from skinbus.node.layout import key_of
 from skinbus.objects.cia import READINGS
 from skinbus.objects.guard import NO_LIMIT, GuardLimits
+from skinbus.objects.program_image import make_image
 
 WATCHED = 9
 STAMP = 0x2070
@@ -36,9 +38,12 @@ class Traffic:
         entries = layout.entries.values()
         self.entries = [e for e in entries if not (self.has_events and e.index == STAMP)]
         self.parameters = [e for e in self.entries if 0x1000 < e.index < 0x1F00 and e.writable]
+        self.board = [layout.entries[key_of(0x1018, sub)].variable.default for sub in (1, 2)]
         self.n_tactels = sum(len(layout.subs(i)) for i in READINGS if i in layout.indices)
         self.left = []
-        self.kinds = tuple(getattr(self, kind) for kind, n in WEIGHTS.items() for _ in range(n))
+        # a stamp of before the restart is left in the simulated patch
+        weights = WEIGHTS | {"program": self.has_events}
+        self.kinds = tuple(getattr(self, kind) for kind, n in weights.items() for _ in range(n))
 
     def __iter__(self):
         while True:
@@ -92,11 +97,30 @@ class Traffic:
         data = bytearray(made[: rng.choice((len(made),) * 9 + (0, 3))])
         if data and not rng.randrange(9):
             data[rng.randrange(len(data))] ^= 1
+        first, *self.left = self.download(0x2081, 0, data)
+        return first
+
+    def download(self, index, sub, data):
+        """The frames that write data in segments."""
         parts = [data[k : k + 7] for k in range(0, max(len(data), 1), 7)]
         heads = [k % 2 << 4 | (7 - len(part)) << 1 | (k + 1 == len(parts)) for k, part in enumerate(parts)]
         segments = [bytes([head]) + part.ljust(7, b"\0") for head, part in zip(heads, parts, strict=True)]
-        self.left = [Frame(0x600 + self.node_id, segment) for segment in segments]
-        return self.sdo(0x21, 0x2081, 0, len(data).to_bytes(4, "little"))
+        first = self.sdo(0x21, index, sub, len(data).to_bytes(4, "little"))
+        return [first, *(Frame(0x600 + self.node_id, segment) for segment in segments)]
+
+    def program(self):
+        """A new program, its commands out of turn now and then; what it starts is confirmed, or not."""
+        rng = self.rng
+        image = make_image(rng.randbytes(rng.randrange(9)), *self.board, rng.randrange(9))
+        frames = [self.control(0x80), self.control(3), *self.download(0x1F50, 1, image), self.control(1)]
+        if not rng.randrange(3):
+            del frames[rng.randrange(len(frames))]
+        ends = Frame(0, bytes([1, self.node_id])), self.control(0x80), Frame(0, bytes([129, self.node_id]))
+        pre, *self.left = Frame(0, bytes([128, self.node_id])), *frames, *rng.sample(ends, 2)
+        return pre
+
+    def control(self, command):
+        return self.sdo(0x2F, 0x1F51, 1, bytes([command]))
 
     def segment(self):
         rng = self.rng

@@ -40,6 +40,7 @@ from skinbus.objects.cia import (
 from skinbus.objects.eds import load_eds
 from skinbus.objects.guard import NO_LIMIT, GuardLimits
 from skinbus.objects.profile import AGE_STEP_NS, SampleStatus
+from skinbus.objects.program_image import make_image
 from tests.firmware.firmware_device import EMPTY, FirmwareDevice, code_of
 
 NS_PER_MS = 1_000_000
@@ -178,7 +179,17 @@ class Actions:
         data = bytearray(GuardLimits(n, m, sum, *limits).encode() if tactels else b"")
         if spoilt >= 0:
             data[spoilt] ^= 1
-        steps = [f"600+n 21 81 20 00 {len(data):02X} 00 00 00"]
+        self.download("81 20 00", data)
+
+    def program(self, version, product=0x5001, spoilt=-1, n=None):
+        """A client sends the image of a program, or its first bytes; of the answers a refusal is left."""
+        data = bytearray(make_image(bytes(range(20)), 0x534B4E42, product, version)[:n])
+        if spoilt >= 0:
+            data[spoilt] ^= 1
+        self.download("50 1F 01", data)
+
+    def download(self, place, data):
+        steps = [f"600+n 21 {place} {len(data):02X} 00 00 00"]
         for k in range(0, max(len(data), 1), 7):
             part = data[k : k + 7]
             head = (k // 7 % 2) << 4 | (7 - len(part)) << 1 | (k + 7 >= len(data))

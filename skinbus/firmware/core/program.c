@@ -56,7 +56,7 @@ unsigned sb_program_choose(struct sb_board *b, bool is_start)
     b->program_slot = slot ^ is_left;
     b->program_sequence = head.sequence;
     b->program_crc = head.crc;
-    b->program_status = is_new && !is_left ? SB_ON_TRIAL : START;
+    b->program_status = is_new && !is_left && has_both ? SB_ON_TRIAL : START;
     b->has_new_program = is_left;
     b->is_slot_used = b->is_restarting = false;
     return head.magic ? SB_PROGRAMS + b->program_slot : 0;
