@@ -45,7 +45,8 @@ class ProgramService(Part):
 
     def start(self) -> None:
         """Start a new program, or again the old one if the new one was not confirmed."""
-        kept, self.is_restarting = self._kept, False
+        kept = self._kept
+        self.is_restarting = False
         if NEW in kept:
             kept[TRIED if RUNNING in kept else RUNNING] = kept.pop(NEW)
         elif RUNNING in kept:
@@ -67,7 +68,8 @@ class ProgramService(Part):
             self.show()
 
     def _command(self, sub: int, data: bytes) -> None:
-        command, kept = data[0], self._kept
+        command = data[0]
+        kept = self._kept
         if command not in PROGRAM_COMMANDS:
             raise SdoAbort(AbortCode.VALUE_INVALID)
         is_late = TRIED in kept and command != PROGRAM_CONFIRM

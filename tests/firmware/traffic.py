@@ -109,15 +109,13 @@ class Traffic:
         return [first, *(Frame(0x600 + self.node_id, segment) for segment in segments)]
 
     def program(self):
-        """A new program, its commands out of turn now and then; what it starts is confirmed, or not."""
+        """A new program, for a board in any state; what follows confirms it, or not."""
         rng = self.rng
-        image = make_image(rng.randbytes(rng.randrange(9)), *self.board, rng.randrange(9))
-        frames = [self.control(0x80), self.control(3), *self.download(0x1F50, 1, image), self.control(1)]
-        if not rng.randrange(3):
-            del frames[rng.randrange(len(frames))]
+        self.image = make_image(rng.randbytes(rng.randrange(9)), *self.board, rng.randrange(2**32))
         ends = Frame(0, bytes([1, self.node_id])), self.control(0x80), Frame(0, bytes([129, self.node_id]))
-        pre, *self.left = Frame(0, bytes([128, self.node_id])), *frames, *rng.sample(ends, 2)
-        return pre
+        image = self.download(0x1F50, 1, self.image)
+        self.left = [self.control(3), *image, self.control(1), *rng.sample(ends, 2)]
+        return Frame(0, bytes([128, self.node_id]))
 
     def control(self, command):
         return self.sdo(0x2F, 0x1F51, 1, bytes([command]))

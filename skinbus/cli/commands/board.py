@@ -410,21 +410,16 @@ def flash(arm: str, image: Path, only: tuple[int, ...], parallel: bool, where: W
     core = Flasher(node_ids, data, timeouts, asks_only=True)
     run_to_end(core, place)
     core.other_master.refuse(str(place))
-    before, runs, faults = core.runs, dict(core.runs), core.results
+    runs = core.runs
+    faults = core.results
     with progress(console, "segments", len(node_ids) * -(-len(data) // SEGMENT)) as advance:
         for group in [node_ids] if parallel else [[node_id] for node_id in node_ids]:
             if len(faults) == len(node_ids) and not any(faults.values()):
                 core = Flasher(group, data, timeouts, advance=advance)
                 run_to_end(core, place, console.print)
-                runs, faults = runs | core.runs, faults | core.results
-    rows = [
-        (n, *(_program(crc.get(n), *head) for crc in (before, runs)), faults.get(n, "")) for n in node_ids
-    ]
-    console.table(("node", "program before", "program now", "fault"), rows)
+                runs |= core.runs
+                faults |= core.results
+    name = {None: "none", head[0]: f"0x{head[0]:08X} (version {head[-1]})"}
+    rows = [(n, name.get(runs.get(n)) or f"0x{runs[n]:08X}", faults.get(n, "")) for n in node_ids]
+    console.table(("node", "program", "fault"), rows)
     sys.exit(0 if all(runs.get(n) == head[0] and faults.get(n) == "" for n in node_ids) else 1)
-
-
-def _program(crc: int | None, of_image: int, vendor: int, product: int, version: int) -> str:
-    """Return the name of a program: its checksum, and its version if it is that of the image."""
-    name = "none" if crc is None else f"0x{crc:08X}"
-    return f"{name} (version {version})" if crc == of_image else name

@@ -44,7 +44,9 @@ class Flasher(NodesCore[str]):
         advance: Callable[[int], object] = lambda n: None,
     ) -> None:
         super().__init__(node_ids, timeouts, listens_ns=LISTEN_NS)
-        self._image, self._asks_only, self._advance = image, asks_only, advance
+        self._image = image
+        self._asks_only = asks_only
+        self._advance = advance
         self.runs: dict[int, int] = {}
 
     def _hear(self, frame: Frame) -> None:
@@ -68,8 +70,8 @@ class Flasher(NodesCore[str]):
         if self._asks_only or self.runs[node_id] == crc:
             return
         yield Listen(LISTEN_NS, send=(nmt_frame(NmtCommand.PRE_OPERATIONAL, node_id),))
-        yield from _ask(cia.PROGRAM_CONTROL, bytes([cia.PROGRAM_STOP]))
-        yield from _ask(cia.PROGRAM_CONTROL, bytes([cia.PROGRAM_CLEAR]))
+        for command in (cia.PROGRAM_STOP, cia.PROGRAM_CLEAR):
+            yield from _ask(cia.PROGRAM_CONTROL, bytes([command]))
         yield from _ready()
         yield from _ask(cia.PROGRAM_DATA, self._image)
         yield from _ready()
@@ -79,12 +81,12 @@ class Flasher(NodesCore[str]):
         start = expedited_write(cia.PROGRAM_CONTROL, 1, bytes([cia.PROGRAM_START]))
         send = (Frame(cia.SDO_CLIENT_BASE + node_id, start),)
         heard = yield Listen(START_NS, lambda frame: frame.data == b"\0", send)
-        booted = any(frame.data == b"\0" for frame in heard)
-        _need(booted, "silent after the start; switched off and on, it runs its old program again")
+        is_up = any(frame.data == b"\0" for frame in heard)
+        _need(is_up, "silent after the start; switched off and on, it runs its old program again")
         self.runs[node_id] = yield from _ask(cia.PROGRAM_SOFTWARE)
         _need(self.runs[node_id] == crc, "it has started its old program again")
-        for command in (NmtCommand.START, NmtCommand.PRE_OPERATIONAL):  # the first confirms it, or the last
-            yield Listen(LISTEN_NS, send=(nmt_frame(command, node_id),))
+        for nmt in (NmtCommand.START, NmtCommand.PRE_OPERATIONAL):  # OPERATIONAL confirms it, or a command
+            yield Listen(LISTEN_NS, send=(nmt_frame(nmt, node_id),))
         if (yield from _ask(cia.PROGRAM_CONTROL)) == cia.PROGRAM_CONFIRM:
             yield from _ask(cia.PROGRAM_CONTROL, bytes([cia.PROGRAM_CONFIRM]))
 
