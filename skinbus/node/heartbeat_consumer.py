@@ -99,8 +99,8 @@ class HeartbeatConsumer(Part):
         """CiA 301, 7.5.2.18: no node twice."""
         value = int.from_bytes(data, "little")
         node_id, _ = _split(value)
-        if sub == 0 or value >> 24:
-            raise SdoAbort(AbortCode.READ_ONLY if sub == 0 else AbortCode.VALUE_INVALID)
+        if value >> 24:
+            raise SdoAbort(AbortCode.VALUE_INVALID)
         for other in self._subs:
             taken, _ = _split(self.values.number(HEARTBEAT_CONSUMER, other))
             if node_id and other != sub and taken == node_id:

@@ -45,8 +45,7 @@ class Lss(IntEnum):
     IDENTIFIED = 0x4F
     UNCONFIGURED_IDENTIFIED = 0x50
     FASTSCAN = 0x51
-    INQUIRE_VENDOR = 0x5A  # to INQUIRE_SERIAL: the same
-    INQUIRE_SERIAL = 0x5D
+    INQUIRE_VENDOR = 0x5A  # to INQUIRE_NODE_ID: the same, and the node-ID
     INQUIRE_NODE_ID = 0x5E
 
 
@@ -103,8 +102,7 @@ class LssSlave(Part):
                 Lss.CONFIGURE_BIT_TIMING: self._configure_bit_timing,
                 Lss.ACTIVATE_BIT_TIMING: self._activate_bit_timing,
                 Lss.STORE: self._store,
-                **dict.fromkeys(range(Lss.INQUIRE_VENDOR, Lss.INQUIRE_SERIAL + 1), self._inquire_identity),
-                Lss.INQUIRE_NODE_ID: self._inquire_node_id,
+                **dict.fromkeys(range(Lss.INQUIRE_VENDOR, Lss.INQUIRE_NODE_ID + 1), self._inquire),
             },
         }
 
@@ -230,8 +228,6 @@ class LssSlave(Part):
             error = STORE_NOT_SUPPORTED if self.storage.storage is None else STORE_FAILED
         self._answer(data[0], bytes((error,)))
 
-    def _inquire_identity(self, data: bytes) -> None:
-        self._answer(data[0], self._identity[data[0] - Lss.INQUIRE_VENDOR].to_bytes(4, "little"))
-
-    def _inquire_node_id(self, data: bytes) -> None:
-        self._answer(data[0], bytes((self.context.node_id,)))
+    def _inquire(self, data: bytes) -> None:
+        number = (*self._identity, self.context.node_id)[data[0] - Lss.INQUIRE_VENDOR]
+        self._answer(data[0], number.to_bytes(4, "little"))

@@ -28,7 +28,6 @@ class NodeGuarding(Part):
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
-        self._is_present = GUARD_TIME in self.dictionary.layout.indices
         self.reset()
         for index in (GUARD_TIME, LIFE_TIME_FACTOR):
             self.dictionary.watchers[index] = self._changed
@@ -40,7 +39,8 @@ class NodeGuarding(Part):
 
     def handlers(self) -> Handlers:
         """The remote frames with the identifier of the own heartbeat."""
-        return {REMOTE_ID | (HEARTBEAT_BASE + self.context.node_id): self._answer} if self._is_present else {}
+        can_id = REMOTE_ID | (HEARTBEAT_BASE + self.context.node_id)
+        return {can_id: self._answer} if GUARD_TIME in self.dictionary.layout.indices else {}
 
     def tick(self) -> None:
         """Report that the master has stopped guarding."""

@@ -60,7 +60,12 @@ class Pdo:
         """CiA 301, 7.5.2.35 and 7.5.2.37."""
         value = int.from_bytes(data, "little")
         if sub == PDO_COB_ID:
-            self._check_cob_id(value)
+            default = self.values.layout.entries[key_of(self.communication, sub)].default or b""
+            # a device of others may allow RTR as delivered
+            if self.transmit and int.from_bytes(default, "little") & ~value & COB_ID_NO_RTR:
+                raise SdoAbort(AbortCode.VALUE_INVALID)
+            old = self.values.number(self.communication, sub, COB_ID_INVALID)
+            check_cob_id(value, old, COB_ID_NO_RTR)
         elif sub == PDO_TYPE and TransmissionType.SYNC_MAX < value < TransmissionType.EVENT_MANUFACTURER:
             # 241-251 are reserved; 252 and 253 answer remote frames, which CAN FD and this device do not have
             raise SdoAbort(AbortCode.VALUE_INVALID)
@@ -78,12 +83,3 @@ class Pdo:
             raise SdoAbort(AbortCode.ACCESS)
         elif value:
             check_entry(self.values.layout, value, transmit=self.transmit)
-
-    def _check_cob_id(self, value: int) -> None:
-        entry = self.values.layout.entries[key_of(self.communication, PDO_COB_ID)]
-        default = int.from_bytes(entry.default or b"", "little")
-        # a device of others may allow RTR as delivered
-        if self.transmit and default & ~value & COB_ID_NO_RTR:
-            raise SdoAbort(AbortCode.VALUE_INVALID)
-        old = self.values.number(self.communication, PDO_COB_ID, COB_ID_INVALID)
-        check_cob_id(value, old, COB_ID_NO_RTR)

@@ -412,7 +412,7 @@ def flash(arm: str, image: Path, only: tuple[int, ...], parallel: bool, where: W
     core.other_master.refuse(str(place))
     runs = core.runs
     faults = core.results
-    with progress(console, "segments", len(node_ids) * -(-len(data) // SEGMENT)) as advance:
+    with progress(console, "segments", len(node_ids) * len(data) // SEGMENT) as advance:
         for group in [node_ids] if parallel else [[node_id] for node_id in node_ids]:
             if len(faults) == len(node_ids) and not any(faults.values()):
                 core = Flasher(group, data, timeouts, advance=advance)

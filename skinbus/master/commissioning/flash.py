@@ -65,10 +65,21 @@ class Flasher(NodesCore[str]):
         for sub, wanted in ((cia.IDENTITY_VENDOR, vendor), (cia.IDENTITY_PRODUCT, product)):
             seen = yield from _ask(cia.IDENTITY, sub=sub)
             _need(seen == wanted, f"0x1018:{sub:02X} is 0x{seen:X}; the image is for 0x{wanted:X}")
+        control = yield from _ask(cia.PROGRAM_CONTROL)
         yield from _ask(cia.FLASH_STATUS)
-        self.runs[node_id] = yield from _ask(cia.PROGRAM_SOFTWARE)
-        if self._asks_only or self.runs[node_id] == crc:
+        self.runs[node_id] = seen = yield from _ask(cia.PROGRAM_SOFTWARE)
+        # while a program is on trial no other is taken; one that is stopped may wait for its start
+        _need(control != cia.PROGRAM_CONFIRM or seen == crc, "another program is on trial: reset the board")
+        if self._asks_only or (seen == crc and control == cia.PROGRAM_START):
             return
+        if control != cia.PROGRAM_CONFIRM:
+            yield from self._download(node_id, crc)
+        for nmt in (NmtCommand.START, NmtCommand.PRE_OPERATIONAL):  # OPERATIONAL confirms it, or a command
+            yield Listen(LISTEN_NS, send=(nmt_frame(nmt, node_id),))
+        if (yield from _ask(cia.PROGRAM_CONTROL)) == cia.PROGRAM_CONFIRM:
+            yield from _ask(cia.PROGRAM_CONTROL, bytes([cia.PROGRAM_CONFIRM]))
+
+    def _download(self, node_id: int, crc: int) -> Script[None]:
         yield Listen(LISTEN_NS, send=(nmt_frame(NmtCommand.PRE_OPERATIONAL, node_id),))
         for command in (cia.PROGRAM_STOP, cia.PROGRAM_CLEAR):
             yield from _ask(cia.PROGRAM_CONTROL, bytes([command]))
@@ -81,14 +92,10 @@ class Flasher(NodesCore[str]):
         start = expedited_write(cia.PROGRAM_CONTROL, 1, bytes([cia.PROGRAM_START]))
         send = (Frame(cia.SDO_CLIENT_BASE + node_id, start),)
         heard = yield Listen(START_NS, lambda frame: frame.data == b"\0", send)
-        is_up = any(frame.data == b"\0" for frame in heard)
-        _need(is_up, "silent after the start; switched off and on, it runs its old program again")
-        self.runs[node_id] = yield from _ask(cia.PROGRAM_SOFTWARE)
-        _need(self.runs[node_id] == crc, "it has started its old program again")
-        for nmt in (NmtCommand.START, NmtCommand.PRE_OPERATIONAL):  # OPERATIONAL confirms it, or a command
-            yield Listen(LISTEN_NS, send=(nmt_frame(nmt, node_id),))
-        if (yield from _ask(cia.PROGRAM_CONTROL)) == cia.PROGRAM_CONFIRM:
-            yield from _ask(cia.PROGRAM_CONTROL, bytes([cia.PROGRAM_CONFIRM]))
+        started = any(frame.data == b"\0" for frame in heard)
+        _need(started, "silent after the start; switched off and on, it runs its old program again")
+        self.runs[node_id] = seen = yield from _ask(cia.PROGRAM_SOFTWARE)
+        _need(seen == crc, "it has started its old program again")
 
 
 def _need(is_so: bool, otherwise: str) -> None:
@@ -110,4 +117,4 @@ def _ready() -> Script[None]:
         if not (yield from _ask(cia.FLASH_STATUS)):
             return
         yield Listen(LISTEN_NS)
-    _need(is_so=False, otherwise="its flash is not ready: 0x1F57 is not 0")
+    raise RemoteProtocolError("its flash is not ready: 0x1F57 is not 0")
