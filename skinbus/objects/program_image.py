@@ -3,17 +3,13 @@
 The head has, as U32 each: "SBP1", a number of the board's own, length and CRC-32 (that of zlib) of what
 follows them, vendor-ID, product code, version, and 0. The program comes next, filled up to eight bytes.
 
-This file is also in the project of a board, where it makes an image without skinbus:
-``python3 image.py PROGRAM VERSION IMAGE``, beside ``board.h``.
+This file is also in the project of a board, whose Makefile makes an image by it.
 """
 
 from __future__ import annotations
 
-import re
 import struct
-import sys
 import zlib
-from pathlib import Path
 
 _SUMMED = 16
 """Bytes before those that length and checksum are of."""
@@ -30,10 +26,3 @@ def read_image(image: bytes) -> tuple[int, ...]:
     _, length, crc, *board = struct.unpack_from("<6I", image[4:].ljust(24))
     body = image[_SUMMED : _SUMMED + length]
     return (crc, *board) if len(body) == length and zlib.crc32(body) == crc else ()
-
-
-if __name__ == "__main__":
-    program, version, image = sys.argv[1:]
-    vendor, product = re.findall(r" SB_(?:VENDOR|PRODUCT) (\d+)", Path("board.h").read_text())
-    made = make_image(Path(program).read_bytes(), int(vendor), int(product), int(version))
-    Path(image).write_bytes(made)

@@ -3,7 +3,6 @@
 import random
 import struct
 import subprocess
-import sys
 
 import pytest
 
@@ -177,6 +176,6 @@ def test_a_board_that_fails_is_reported_and_keeps_its_old_program(board, begin, 
 
 def test_a_project_makes_its_images(tmp_path):
     write_project("skin-patch", tmp_path)
-    (tmp_path / "made").write_bytes(b"program")
-    subprocess.run([sys.executable, "image.py", "made", "7", "image.bin"], cwd=tmp_path, check=True)
+    (tmp_path / "program.bin").write_bytes(b"program")
+    subprocess.run(["make", "-s", "image.bin", "VERSION=7"], cwd=tmp_path, check=True)
     assert read_image((tmp_path / "image.bin").read_bytes())[1:] == (*BOARD, 7)
