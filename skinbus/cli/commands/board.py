@@ -406,7 +406,8 @@ def flash(arm: str, image: Path, only: tuple[int, ...], parallel: bool, where: W
     if not (head := read_image(data)):
         raise ConfigError.of(image, "image", None, "one that image.py has made, whole (docs/firmware.md)")
     node_ids = only or tuple(loaded.node_id.tolist())
-    console, timeouts = Console(), timeouts_of(loaded)
+    console = Console()
+    timeouts = timeouts_of(loaded)
     core = Flasher(node_ids, data, timeouts, asks_only=True)
     run_to_end(core, place)
     core.other_master.refuse(str(place))
@@ -422,4 +423,4 @@ def flash(arm: str, image: Path, only: tuple[int, ...], parallel: bool, where: W
     name = {None: "none", head[0]: f"0x{head[0]:08X} (version {head[-1]})"}
     rows = [(n, name.get(runs.get(n)) or f"0x{runs[n]:08X}", faults.get(n, "")) for n in node_ids]
     console.table(("node", "program", "fault"), rows)
-    sys.exit(0 if all(runs.get(n) == head[0] and faults.get(n) == "" for n in node_ids) else 1)
+    sys.exit(0 if {*map(runs.get, node_ids)} == {head[0]} and not any(faults.values()) else 1)
