@@ -69,7 +69,7 @@ def run_both(eds, seed, n_steps):
     for _, (us, frame) in zip(range(n_steps), traffic, strict=False):
         until_ns = now_ns + 1000 * us
         while min(wakes) <= until_ns:
-            now_ns = min(wakes)
+            now_ns = -(-min(wakes) // 1000) * 1000  # the firmware counts us
             step([])
         now_ns = until_ns
         if frame.can_id == 0x80 and not frame.flags:

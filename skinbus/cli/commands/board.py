@@ -420,7 +420,8 @@ def flash(arm: str, image: Path, only: tuple[int, ...], parallel: bool, where: W
                 run_to_end(core, place, console.print)
                 runs |= core.runs
                 faults |= core.results
-    name = {None: "none", head[0]: f"0x{head[0]:08X} (version {head[-1]})"}
-    rows = [(n, name.get(runs.get(n)) or f"0x{runs[n]:08X}", faults.get(n, "")) for n in node_ids]
-    console.table(("node", "program", "fault"), rows)
+    console.print(f"{image}: version {head[-1]}, checksum 0x{head[0]:08X}")
+    for node_id in node_ids:
+        program = f"runs 0x{runs[node_id]:08X}" if node_id in runs else "is not there"
+        console.print(f"node {node_id} {program}  {faults.get(node_id, '')}".rstrip())
     sys.exit(0 if {*map(runs.get, node_ids)} == {head[0]} and not any(faults.values()) else 1)

@@ -18,8 +18,6 @@ LISTEN_NS = 100 * NS_PER_MS
 """For the SYNC of a master at work, and for a change of state."""
 START_NS = 10_000 * NS_PER_MS
 """For the boot-up message of a new program."""
-READY_TRIES = 100
-"""Looks at the state of flash."""
 
 
 class Flasher(NodesCore[str]):
@@ -90,10 +88,12 @@ class Flasher(NodesCore[str]):
         _need(seen == crc, f"its checksum after the download is 0x{seen:08X}")
         # by hand: the boot-up message may come with the answer
         start = expedited_write(cia.PROGRAM_CONTROL, 1, bytes([cia.PROGRAM_START]))
-        send = (Frame(cia.SDO_CLIENT_BASE + node_id, start),)
-        heard = yield Listen(START_NS, lambda frame: frame.data == b"\0", send)
-        started = any(frame.data == b"\0" for frame in heard)
-        _need(started, "silent after the start; switched off and on, it runs its old program again")
+        send = Frame(cia.SDO_CLIENT_BASE + node_id, start)
+        heard = yield Listen(START_NS, lambda frame: frame.data == b"\0", (send,))
+        _need(
+            bool(heard) and heard[-1].data == b"\0",
+            "silent after the start; switched off and on, it runs its old program again",
+        )
         self.runs[node_id] = seen = yield from _ask(cia.PROGRAM_SOFTWARE)
         _need(seen == crc, "it has started its old program again")
 
@@ -112,9 +112,5 @@ def _ask(index: int, data: bytes | None = None, sub: int = 1) -> Script[int]:
 
 
 def _ready() -> Script[None]:
-    """Wait until flash is written or erased."""
-    for _ in range(READY_TRIES):
-        if not (yield from _ask(cia.FLASH_STATUS)):
-            return
-        yield Listen(LISTEN_NS)
-    raise RemoteProtocolError("its flash is not ready: 0x1F57 is not 0")
+    status = yield from _ask(cia.FLASH_STATUS)
+    _need(not status, f"its flash is not ready: 0x1F57:01 is {status}")

@@ -15,8 +15,8 @@ def test_boards_get_a_program_unless_it_is_for_another_product(own_bus, tmp_path
 
     with own_bus.with_cores(World(pressed_scene(load_arm("pad")))):
         assert flash(0x5002, status=1).endswith("is 0x5001; the image is for 0x5002")
-        assert "(version 3)" in flash(0x5001, "--node", 1, "--parallel", status=0)
-        assert "(version 3)" in flash(0x5001, status=0)
+        assert "runs 0x" in flash(0x5001, "--node", 1, "--parallel", status=0)
+        assert "runs 0x" in flash(0x5001, status=0)
         assert flash(0x5001, "--node", 1, "--node", 77, status=1).endswith("0x1018:01: no answer")
 
 
