@@ -18,7 +18,7 @@ from canopen.objectdictionary import ObjectDictionary, datatypes
 from skinbus.errors import EdsError, Fault
 from skinbus.node.layout import FLOATS, ImageEntry, ImageLayout
 from skinbus.node.storage import APPLICATION, AREAS, COMMUNICATION, MANUFACTURER, is_parameter
-from skinbus.objects import cia, program_image
+from skinbus.objects import cia
 from skinbus.objects.dcf import is_verified
 from skinbus.objects.eds import load_eds
 from skinbus.objects.guard import GuardLimits
@@ -73,7 +73,6 @@ def write_project(eds: str, out: Path) -> tuple[int, int]:
     od = load_eds(eds, NODE_ID)
     layout = ImageLayout(od, NODE_ID)
     _write(out, *_texts(eds, od, layout), [path for path in HERE.glob("core/*") if path.name != RELAY])
-    (out / "image.py").write_bytes(Path(program_image.__file__).read_bytes())
     return sum(entry.size for entry in layout.entries.values()), len(layout.entries)
 
 

@@ -18,8 +18,6 @@ UNCONFIGURED = 0xFF
 FRAME_LENGTH = 8
 N_IDENTITY = 4
 
-STANDARD_TABLE = 0
-
 
 class Mode(IntEnum):
     """States of LSS."""
@@ -207,7 +205,7 @@ class LssSlave(Part):
         self._answer(data[0], bytes((not good,)))
 
     def _configure_bit_timing(self, data: bytes) -> None:
-        rate = BIT_RATES.get(data[2]) if data[1] == STANDARD_TABLE else None
+        rate = BIT_RATES.get(data[2]) if data[1] == 0 else None  # of the standard table
         good = rate is not None and rate in self.bit_rates
         if good:
             self.pending_bit_rate = rate

@@ -40,12 +40,11 @@ TRANSITIONS: dict[NmtCommand, NmtState] = {
 }
 
 COMMAND_LENGTH = 2
-ALL_NODES = 0
 
 
 def command_for(data: bytes, node_id: int) -> NmtCommand | None:
     """The command a frame holds for this node; None when it is for another node, malformed or unknown."""
-    if len(data) != COMMAND_LENGTH or data[1] not in (ALL_NODES, node_id):
+    if len(data) != COMMAND_LENGTH or data[1] not in (0, node_id):
         return None
     return _COMMANDS.get(data[0])
 

@@ -13,8 +13,9 @@ from skinbus.firmware import write_project
 from skinbus.master.commissioning.flash import Flasher
 from skinbus.node import Device
 from skinbus.objects.eds import load_eds
-from skinbus.objects.program_image import make_image, read_image
+from skinbus.objects.program_image import read_image
 from tests.firmware.firmware_device import EMPTY, PAGE, FirmwareDevice, code_of
+from tests.firmware.images import make_image
 from tests.firmware.traffic import Traffic
 
 NODE = 5

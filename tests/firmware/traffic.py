@@ -11,7 +11,7 @@ from skinbus.can.frame import RTR, Frame
 from skinbus.node.layout import key_of
 from skinbus.objects.cia import READINGS
 from skinbus.objects.guard import NO_LIMIT, GuardLimits
-from skinbus.objects.program_image import make_image
+from tests.firmware.images import make_image
 
 WATCHED = 9
 STAMP = 0x2070

@@ -40,8 +40,8 @@ from skinbus.objects.cia import (
 from skinbus.objects.eds import load_eds
 from skinbus.objects.guard import NO_LIMIT, GuardLimits
 from skinbus.objects.profile import AGE_STEP_NS, SampleStatus
-from skinbus.objects.program_image import make_image
 from tests.firmware.firmware_device import EMPTY, FirmwareDevice, code_of
+from tests.firmware.images import make_image
 
 NS_PER_MS = 1_000_000
 SERIAL = 0x00C0FFEE

@@ -404,7 +404,7 @@ def flash(arm: str, image: Path, only: tuple[int, ...], parallel: bool, where: W
     loaded, place = where.of(load_arm(arm))
     data = image.read_bytes()
     if not (head := read_image(data)):
-        raise ConfigError.of(image, "image", None, "one that image.py has made, whole (docs/firmware.md)")
+        raise ConfigError.of(image, "image", None, "what the build of a board makes (docs/firmware.md)")
     node_ids = only or tuple(loaded.node_id.tolist())
     console = Console()
     timeouts = timeouts_of(loaded)

@@ -1,6 +1,6 @@
 /* Program download (CiA 302-3: 0x1F50, 0x1F51, 0x1F56, 0x1F57) into two slots of flash.
  *
- * A slot holds an image of image.py, whose second number is the board's own: a sequence number. A new program is
+ * A slot holds an image, as the Makefile makes it, whose second number is the board's own: a sequence number. A new program is
  * written beside the one that runs, and started next. The last words of its slot are marks: it was started, it is
  * confirmed. What was started and not confirmed is given up at the next start. Whenever the supply fails, one
  * slot is whole.

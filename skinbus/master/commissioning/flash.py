@@ -66,11 +66,9 @@ class Flasher(NodesCore[str]):
         control = yield from _ask(cia.PROGRAM_CONTROL)
         yield from _ask(cia.FLASH_STATUS)
         self.runs[node_id] = seen = yield from _ask(cia.PROGRAM_SOFTWARE)
-        # while a program is on trial no other is taken; one that is stopped may wait for its start
-        _need(control != cia.PROGRAM_CONFIRM or seen == crc, "another program is on trial: reset the board")
         if self._asks_only or (seen == crc and control == cia.PROGRAM_START):
             return
-        if control != cia.PROGRAM_CONFIRM:
+        if seen != crc or control != cia.PROGRAM_CONFIRM:  # what was stopped may wait for its start
             yield from self._download(node_id, crc)
         for nmt in (NmtCommand.START, NmtCommand.PRE_OPERATIONAL):  # OPERATIONAL confirms it, or a command
             yield Listen(LISTEN_NS, send=(nmt_frame(nmt, node_id),))

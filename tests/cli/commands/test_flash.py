@@ -1,9 +1,9 @@
 """`skinbus board flash` against simulated boards."""
 
 from skinbus.config.system import load_arm
-from skinbus.objects.program_image import make_image
 from skinbus.sim import World
 from tests.cli.invoke import refused
+from tests.firmware.images import make_image
 from tests.master.commissioning.person import pressed_scene
 
 
@@ -22,4 +22,5 @@ def test_boards_get_a_program_unless_it_is_for_another_product(own_bus, tmp_path
 
 def test_file_that_is_no_image_is_refused(tmp_path):
     (tmp_path / "image.bin").write_bytes(b"\x7fELF")
-    assert "wanted one that image.py has made" in refused("board", "flash", "pad", tmp_path / "image.bin")
+    why = refused("board", "flash", "pad", tmp_path / "image.bin")
+    assert "wanted what the build of a board makes" in why
