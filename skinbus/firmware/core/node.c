@@ -22,7 +22,9 @@ bool sb_send(struct sb_board *b, uint32_t id, const uint8_t *data, uint8_t n, bo
 
 uint64_t sb_emcy_tick(struct sb_board *b)
 {
-    while (b->n_waiting && has_emcy(b->state) && b->now >= b->emcy_free) {
+    if (!has_emcy(b->state))
+        return SB_NEVER;
+    while (b->n_waiting && b->now >= b->emcy_free) {
         const uint32_t id = sb_get(b, 0x1014, 0);
         if (!(id & COB_INVALID)) {
             if (!sb_send(b, id, b->waiting[0], 8, true)) {
@@ -33,7 +35,7 @@ uint64_t sb_emcy_tick(struct sb_board *b)
         }
         memmove(b->waiting[0], b->waiting[1], 8u * --b->n_waiting);
     }
-    return b->n_waiting && has_emcy(b->state) ? b->emcy_free : SB_NEVER;
+    return b->n_waiting ? b->emcy_free : SB_NEVER;
 }
 
 static void emcy_queue(struct sb_board *b, uint16_t code, const uint8_t data[5])
@@ -214,7 +216,7 @@ static uint64_t watched_tick(struct sb_board *b)
         }
         wake = sb_earlier(wake, node->due);
     }
-    if (is_lost && b->state == SB_OPERATIONAL && !(choice & ~2u)) /* CiA 301, 7.5.2.28 */
+    if (is_lost && b->state == SB_OPERATIONAL && (choice | 2) == 2) /* CiA 301, 7.5.2.28 */
         enter(b, choice ? SB_STOPPED : SB_PRE_OPERATIONAL);
     return wake;
 }

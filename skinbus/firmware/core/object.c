@@ -142,6 +142,7 @@ uint32_t sb_read(struct sb_board *b, uint16_t index, uint8_t sub, uint8_t **data
     const uint32_t code = sb_permit(index, sub, SB_READ);
     if (code)
         return code;
+    sb_program_show(b);
     if (index == SB_READINGS && sub)
         sb_sample(b);
     else if (index == SB_CHECKSUM)
@@ -150,8 +151,6 @@ uint32_t sb_read(struct sb_board *b, uint16_t index, uint8_t sub, uint8_t **data
         sb_put(b, index, sub, b->flash_bytes != 0);
     else if (index == HISTORY && sub > sb_get(b, HISTORY, 0))
         return ABORT_NO_DATA; /* CiA 301, 7.5.2.4 */
-    else if (index == SB_PROGRAM_CONTROL || index == SB_PROGRAM_SOFTWARE)
-        sb_program_show(b);
     *data = sb_at(b, index, sub);
     *n = sb_find(index, sub)->size;
     if (!*n) {

@@ -9,7 +9,7 @@
 
 #define MAGIC 0x31504253u /* "SBP1" */
 #define SUMMED 16u        /* bytes before those that length and checksum are of */
-enum { STOP = 0, START = 1, CLEAR = 3 };
+enum { STOP = 0, START = 1, RESET = 2, CLEAR = 3 };
 enum { TRIED = SB_PROGRAM_ROOM, CONFIRMED = TRIED + 8 }; /* where the marks are, eight bytes each */
 
 struct head { uint32_t magic, sequence, length, crc, vendor, product, version, unused; };
@@ -43,7 +43,7 @@ unsigned sb_program_choose(struct sb_board *b, bool is_start)
     uint32_t marks[SB_PROGRAM_MARKS / 4] = {0}; /* two of each */
     const bool has_first = is_whole(b, 0, &head), has_second = is_whole(b, 1, &other);
     unsigned slot = 0;
-    if (has_second && (!has_first || (int32_t)(other.sequence - head.sequence) > 0)) {
+    if (!has_first || (int32_t)(other.sequence - head.sequence) > 0) { /* of one that is not whole it is 0 */
         head = other;
         slot = 1;
     }
@@ -58,7 +58,7 @@ unsigned sb_program_choose(struct sb_board *b, bool is_start)
     b->program_crc = head.crc;
     b->program_status = is_new && !is_left && has_both ? SB_ON_TRIAL : START;
     b->has_new_program = is_left;
-    b->is_slot_used = b->is_restarting = false;
+    b->is_slot_used = false;
     return head.magic ? SB_PROGRAMS + b->program_slot : 0;
 }
 
@@ -69,23 +69,24 @@ void sb_program_show(struct sb_board *b)
     sb_put(b, SB_PROGRAM_SOFTWARE, 1, b->program_crc);
 }
 
-bool sb_program_confirm(struct sb_board *b)
+void sb_program_confirm(struct sb_board *b)
 {
     if (b->program_status == SB_ON_TRIAL && put(b, b->program_slot, CONFIRMED, 0, 0))
         b->program_status = START;
-    return b->program_status != SB_ON_TRIAL;
 }
 
 uint32_t sb_program_command(struct sb_board *b, uint8_t command)
 {
     if (!SB_PROGRAM_BYTES)
         return ABORT_LOCAL_CONTROL;
-    if (command != STOP && command != START && command != CLEAR && command != SB_ON_TRIAL)
+    if (command != SB_ON_TRIAL && (command > CLEAR || command == RESET))
         return ABORT_VALUE;
     if (b->state != SB_PRE_OPERATIONAL || (b->program_status == SB_ON_TRIAL && command != SB_ON_TRIAL))
         return ABORT_DEVICE_STATE;
-    if (command == SB_ON_TRIAL)
-        return sb_program_confirm(b) ? 0 : ABORT_HARDWARE;
+    if (command == SB_ON_TRIAL) { /* where flash fails, 0x1F51 still says that it is on trial */
+        sb_program_confirm(b);
+        return 0;
+    }
     if (command == CLEAR && !put(b, !b->program_slot, 0, MAGIC, b->program_sequence + 1))
         return ABORT_HARDWARE;
     if (command == CLEAR)

@@ -272,7 +272,7 @@ uint32_t sb_storage_keep_node_id(struct sb_board *b);
 /* program.c */
 enum { SB_PROGRAM_DATA = 0x1F50, SB_PROGRAM_CONTROL = 0x1F51, SB_PROGRAM_SOFTWARE = 0x1F56, SB_ON_TRIAL = 0x80 };
 void sb_program_show(struct sb_board *b);
-bool sb_program_confirm(struct sb_board *b);
+void sb_program_confirm(struct sb_board *b);
 uint32_t sb_program_command(struct sb_board *b, uint8_t command);
 uint32_t sb_program_begin(struct sb_board *b);
 uint32_t sb_program_take(struct sb_board *b, const uint8_t *data, uint32_t n, bool is_last);

@@ -143,8 +143,9 @@ bool flash_write(struct sb_board *b, unsigned page, size_t at, const uint8_t dat
 
 void restart(struct sb_board *b)
 {
-    while (n_queued || (CAN(0x08) >> 26 & 7) != 7) /* TSR: TME of all mailboxes */
+    do
         send_queued();
+    while (~CAN(0x08) >> 26 & 7); /* TSR: TME of all mailboxes, the first of which takes what is queued */
     REG(0xE000ED0Cu) = 0x05FA0004u; /* AIRCR: SYSRESETREQ */
 }
 
