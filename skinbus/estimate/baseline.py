@@ -1,6 +1,6 @@
 """The zero of every tactel: measured at the start, followed while the tactel is free, held in contact.
 
-Free:     b <- b + g clip(p - b, 3 sd)     g: the gain of a Kalman filter, dt / tau at least, 1 / 20 at most
+Free:     b <- b + g clip(p - b, 3 sd)     g: the gain of a Kalman filter, 1 / 25 at most at 50 Hz
 Contact:  b is held, on the touched patch and on those that adjoin it: the skirt of a contact lies below every
           threshold and would be learned away, and the force with it. Its variance grows instead, as that of
           a random walk with the declared drift, and so does the variance of what a board has in common.
@@ -56,65 +56,36 @@ from skinbus.model.validation import check_arm, check_fresh, check_time
 
 Touches = npt.NDArray[np.int8]
 
-STEP_MOST_S = 1.0
-"""A longer gap counts as this: nothing is learned from time in which nothing was read."""
-ADJOINING = 10e-3
-"""Patches whose corners may be this close adjoin, m: the reach of a contact's skirt."""
-TAU_S = 30.0
-"""Time constant of following, s: long against a touch, short against warming up."""
+REACH = 35e-3
+"""Distance within which a press is felt, m: under a layer of 6 mm, 4 % of its force lie beyond 20 mm, and
+outer tactels of usual boards side by side are 21 mm apart. Boards with tactels so close adjoin."""
 SETTLE_S = 1.0
-"""Time from a release until zeros are followed again, s: creep of the cover is over for the most part."""
-DRIFT_S = 60.0
-"""The declared drift is the standard deviation of the change of a zero in this time, s."""
+"""Time in which a skin settles, s: after so long a press has left in the cover what creeps at once, and so
+long after a release zeros are followed again. A longer gap between readings counts as this."""
+TAU_S = 30.0
+"""Time constant of following and of creep, s: long against a touch, short against warming up."""
 FORGET_S = 10.0
-"""A patch that was touched and is not read for so long counts as free, s: else those beside it would never
-be followed again. Twice the time after which the master resets a patch that sends no readings."""
-
-# --- Noise -----------------------------------------------------------------------------------------
+"""Time constant of the noise estimate, s. A patch that was touched and is not read for so long counts as
+free: else those beside it would never be followed again; the master resets it after half of that."""
+CALM_S, CALM_CYCLES = 0.5, 10
+"""So long, s, and so many readings make a first zero and show that a touch is drift, and a zero is a mean of
+no fewer. So many take a tactel out of its band and back into it: one that is wrong by a bit does not."""
 SIGMAS = 6.0
 """Threshold over noise: 400 tactels at 50 Hz give a false touch in 14 hours (at 5: in 3 minutes)."""
-CLIP = 3.0
-"""What is further from the zero than this many standard deviations counts as that many."""
-CLIPPED_VARIANCE = 0.9950
-"""Mean of min(z^2, 9) for a standard normal z."""
+EXPLAINED = 3.0
+"""Standard deviations within which noise and drift explain a reading, and to which it is clipped."""
 NOISE_LEAST = 0.1
 """Least noise of a tactel with a zero, share of the declared one: quantised readings may show none at all.
 Without a zero it is at least the declared one."""
-NOISE_S = 10.0
-"""Time constant of the noise estimate, s; sooner after the start it is the mean of all readings."""
 YOUNG_CYCLES = 50
 """Readings in which the noise of a tactel is measured, if it is free itself, whatever touches its patch: else
 one that is noisy would touch again and again before its noise is known."""
-
-SECOND_DIFFERENCE = 6.0
-"""Variance of p[t] - 2 p[t-1] + p[t-2], in variances of white noise; of a touch that grows evenly it is 0."""
-
-# --- Zeros -----------------------------------------------------------------------------------------
-EXPLAINED = 3.0
-"""Standard deviations of a zero within which drift explains a reading: chance exceeds them once in 370."""
-WINDOW_CYCLES = 10
-"""Least readings in a row that take a tactel out of its band, back into it, its zero down, or a touch for
-drift: one that is wrong by a bit does not."""
-CALM_S = 0.5
-"""Time that makes a first zero, time below a zero that takes it down, and in which drift explains all that is
-left of a touch, s."""
-MOST_GAIN = 0.05
-"""Share of one reading in a zero, at most: after a minute without observation a zero is less certain than one
-reading, but twenty readings are better than one, and 0.4 s later."""
-GAIN_S = 0.4
-"""... and at high rates in this time: what fell below its zero may come back for as long."""
 COMMON = 2.0
 """The zeros of a board drift together by this much more than they drift apart: they share temperature and
 supply."""
-
-# --- Creep -----------------------------------------------------------------------------------------
 CREEP = 0.05
 """Standard deviation of what a cover still shows of a press that has gone, of the press: soft silicones creep
 by 2 to 10 % (doi 10.1089/soro.2015.0002)."""
-CREEP_RISE_S = 1.0
-"""What creeps at once is there after a press of so long, s; ..."""
-CREEP_FALL_S = 20.0
-"""... and what creeps slowly goes in so long, s."""
 
 
 class Felt(NamedTuple):
@@ -159,13 +130,14 @@ class Baseline:
         self._last_ns: int | None = None
         n, p = arm.n_tactels, arm.n_patches
         self._patch, self._first = arm.tactel_patch, arm.patch_start[:-1]
-        self._near, self._healthy = _near(arm), arm.tactel_healthy
+        near = np.logical_or.reduceat(distances(arm) <= REACH, self._first)
+        self._near, self._healthy = np.logical_or.reduceat(near, self._first, axis=1), arm.tactel_healthy
         # beyond any count: what is read further from 0 counts as this
         self._touch, self._most = arm.tactel_threshold, 1.001 * np.abs(limit_of(arm))
         self._ratio = np.clip(arm.tactel_release / np.maximum(self._touch, 1e-9), 0.0, 1.0)
         # a board that declares no noise: no division, no threshold of 0
         self._declared2 = np.maximum(arm.tactel_noise, 1e-3) ** 2
-        self._band, self._drift = arm.tactel_zero_band, arm.tactel_zero_drift**2 / DRIFT_S
+        self._band, self._drift = arm.tactel_zero_band, arm.tactel_zero_drift**2 / 60.0  # in a minute
         self._no_zero = (self._touch / EXPLAINED) ** 2
         self._zeroed = np.zeros(n, np.bool_)  # has a zero from readings
         self._centre, self._pressed, self._level = np.zeros((3, n))
@@ -198,7 +170,7 @@ class Baseline:
             raise ValueError(f"pressures must be float64 of shape ({self.arm.n_tactels},)")
         flags = check_fresh(self.arm, fresh)
         dt = 0.0 if self._last_ns is None else 1e-9 * (t_ns - self._last_ns)
-        self._last_ns, dt = t_ns, min(max(dt, 0.0), STEP_MOST_S)
+        self._last_ns, dt = t_ns, min(max(dt, 0.0), SETTLE_S)
         seen = flags[self._patch] & self._healthy & np.isfinite(pressures)
         value = np.clip(np.where(seen, pressures, self._last), -self._most, self._most)
         second = value - 2.0 * self._last + self._earlier
@@ -234,7 +206,7 @@ class Baseline:
         leaves = (away < -self._band) | (edge >= self._band)
         crosses = np.where(w.out, np.abs(away) <= self._band, leaves)
         self._run = np.where(seen, np.where(crosses, self._run + 1, 0), self._run)
-        turned = self._run >= WINDOW_CYCLES
+        turned = self._run >= CALM_CYCLES
         w.out[turned] ^= True
         self._run[turned] = 0
         return seen & ~w.out
@@ -253,7 +225,7 @@ class Baseline:
         w.zero[again], w.doubt[again] = self._centre[again], self._no_zero[again]
         now = np.maximum(above, 0.0)
         more = np.where(seen, now - self._pressed, 0.0)
-        self._pressed -= np.expm1(-dt / np.where(more > 0.0, CREEP_RISE_S, CREEP_FALL_S)) * more
+        self._pressed -= np.expm1(-dt / np.where(more > 0.0, SETTLE_S, TAU_S)) * more
         np.copyto(w.creep, CREEP * np.maximum(self._pressed - now, 0.0), where=seen)
 
     def _rest(self, seen: Bools, fresh: Bools, dt: float) -> tuple[Bools, Bools]:
@@ -284,20 +256,19 @@ class Baseline:
 
     def _learn(self, at: Bools, dt: float) -> None:
         """Follow the zeros of free tactels."""
-        w, slowest, e = self.felt, min(dt / TAU_S, 1.0), self._last - self.felt.zero
+        w, e = self.felt, self._last - self.felt.zero
         # what a cover still shows of a press, or springs below, is noise that lasts
         noise2 = w.variance + w.creep**2
-        most = CLIP * np.sqrt(noise2 + w.doubt)
+        most = EXPLAINED * np.sqrt(noise2 + w.doubt)
         low = at & (e < -most)
         self._low_n = np.where(at, (self._low_n + 1) * low, self._low_n)
         falls = self._low_n >= _cycles(dt)
         # so the next reading is no longer too low, and it is followed
         w.doubt[falls] = e[falls] ** 2
         at = at & ~low
-        quickest = np.maximum(1.0 / np.maximum(self._n_free, 1), min(MOST_GAIN, dt / GAIN_S))
-        gain = np.clip(w.doubt / (w.doubt + noise2), slowest, np.maximum(quickest, slowest))
-        zero = w.zero + gain * np.clip(e, -most, most)
-        doubt = np.maximum((1.0 - gain) ** 2 * w.doubt + gain**2 * noise2, slowest * noise2)
+        gain = np.minimum(w.doubt / (w.doubt + noise2), 1.0 / np.clip(self._n_free, 1, _cycles(dt)))
+        zero = w.zero + gain * np.minimum(e, most)
+        doubt = np.maximum((1.0 - gain) ** 2 * w.doubt + gain**2 * noise2, dt / TAU_S * noise2)
         np.copyto(w.zero, np.clip(zero, self._centre - self._band, self._centre + self._band), where=at)
         np.copyto(w.doubt, doubt, where=at)
         self._zeroed |= at & (self._learned_n[self._patch] >= _cycles(dt))
@@ -306,14 +277,14 @@ class Baseline:
         """Follow the noise of free tactels by ``second`` (Pa) differences, and by what is below a zero.
 
         Below its zero all is noise. Above may be a press that grows slowly, whose squares would raise the
-        threshold ahead of it; of quick noise, second differences show all.
+        threshold ahead of it; of white noise the second difference has six times the variance.
         """
         w, e = self.felt, self._last - self.felt.zero
         total = w.variance + w.doubt
-        is_below = (e < 0.0) & (e * e <= CLIP**2 * total)
-        sample = np.where(is_below, e * e * w.variance / total, second**2 / SECOND_DIFFERENCE)
-        sample = np.minimum(sample, CLIP**2 * w.variance) / CLIPPED_VARIANCE
-        gain = np.maximum(1.0 / np.maximum(self._n_free, 1), dt / (NOISE_S + dt))
+        is_below = (e < 0.0) & (e * e <= EXPLAINED**2 * total)
+        sample = np.where(is_below, e * e * w.variance / total, second**2 / 6.0)
+        sample = np.minimum(sample, EXPLAINED**2 * w.variance)
+        gain = np.maximum(1.0 / np.maximum(self._n_free, 1), dt / (FORGET_S + dt))
         variance = np.maximum(w.variance + gain * (sample - w.variance), NOISE_LEAST**2 * self._declared2)
         np.copyto(w.variance, variance, where=free & np.isfinite(second))
 
@@ -357,10 +328,10 @@ class Baseline:
         i, own = np.arange(here.start, here.stop)[taken], KeptZeros(*(column[taken] for column in kept))
         w.zero[i], self._centre[i] = np.clip((own.zero, own.centre), -self._most[i], self._most[i])
         w.doubt[i] = own.doubt + grown[taken]
-        w.variance[i] = np.maximum(own.variance, NOISE_LEAST**2 * self._declared2[i])
+        w.variance[i] = own.variance
         w.touched[i] = np.where(own.touched, HELD, FREE)
         self._zeroed[i], self._n_free[i] = True, 10**6
-        self._pressed[here] = kept.pressed * math.exp(-age_s / CREEP_FALL_S)
+        self._pressed[here] = kept.pressed * math.exp(-age_s / TAU_S)
         if own.touched.any():
             self._quiet_s[patch] = 0.0
         return len(i)
@@ -398,17 +369,15 @@ class Baseline:
 
 
 def _cycles(dt: float) -> float:
-    """Return the cycles of dt (s) after which ``CALM_S`` is over, at least ``WINDOW_CYCLES``."""
-    return max(WINDOW_CYCLES, CALM_S / max(dt, 1e-9) - 0.5)
+    """Return the cycles of dt (s) after which ``CALM_S`` is over, at least ``CALM_CYCLES``."""
+    return max(CALM_CYCLES, CALM_S / max(dt, 1e-9) - 0.5)
 
 
-def _near(arm: Arm) -> Bools:
-    """Return which patches are one, or have corners that may come close, (n_patches, n_patches)."""
-    half = np.array([0.5 * math.hypot(*placed.patch.size) for placed in arm.patches])
-    near = np.zeros((arm.n_patches, arm.n_patches), np.bool_)
+def distances(arm: Arm) -> Floats:
+    """Return how far tactels are from each other, (n_tactels, n_tactels) m, infinite on other links."""
+    away = np.full((arm.n_tactels, arm.n_tactels), np.inf)
     for k, link in enumerate(arm.links):
-        (p,) = np.nonzero(arm.patch_link == k)
-        s, a = arm.patch_s[p], arm.patch_a[p]
-        d = link.surface.distance(s[:, None], a[:, None], s, a)
-        near[np.ix_(p, p)] = d <= half[p, None] + half[p] + ADJOINING
-    return near
+        (i,) = np.nonzero(arm.tactel_link == k)
+        s, a = arm.tactel_s[i], arm.tactel_a[i]
+        away[np.ix_(i, i)] = link.surface.distance(s[:, None], a[:, None], s, a)
+    return away

@@ -34,7 +34,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from skinbus.arrays import Bools, Floats
-from skinbus.estimate.baseline import Baseline
+from skinbus.estimate.baseline import REACH, Baseline, distances
 from skinbus.estimate.contacts import Contacts, Quality
 from skinbus.estimate.kernels.layout import limit_of, step_of
 from skinbus.model import Arm
@@ -42,9 +42,6 @@ from skinbus.model.validation import check_arm, check_fresh
 
 Ints = npt.NDArray[np.intp]
 
-REACH = 35e-3
-"""Distance within which a press is felt and tactels are summed, m. Under a layer of 6 mm, 4 % of its force
-lie beyond 20 mm, and outer tactels of usual boards side by side are 21 mm apart."""
 SEAM_MOST = 5e-3
 """Boards that are this close share the seam between them, m."""
 FINENESS = 20
@@ -53,8 +50,6 @@ USUAL_N = 5.0
 """Force at which the share that a board feels is integrated, N."""
 NEXT = 1.75
 """Tactels closer than so many sides of their cells are neighbours: diagonals, and those across a seam."""
-BORDER = 1.0 / 12.0
-"""Variance of the share of a cell that is pressed at the border of a touch: anything from 0 to 1."""
 HIDDEN_MOST = 10.0
 """Force that a gap may hide, N, at most: where a law says that nothing is felt, it says no force."""
 SPREAD = 0.02
@@ -124,13 +119,8 @@ class LoadMeter:
             self._uneven[p] = cell.max() / cell.min() - 1.0
             self._hidden[p] = np.mean(least / np.maximum(felt, least / HIDDEN_MOST))
             self.areas[here] = cell / (share if share > 0.0 else 1.0)
-        self._near, self._next = np.zeros((2, n, n), np.bool_)
-        for k, link in enumerate(arm.links):
-            (i,) = np.nonzero(arm.tactel_link == k)
-            s, a, side = arm.tactel_s[i], arm.tactel_a[i], np.sqrt(self._cell[i])
-            away = link.surface.distance(s[:, None], a[:, None], s, a)
-            self._near[np.ix_(i, i)] = away <= REACH
-            self._next[np.ix_(i, i)] = away <= 0.5 * NEXT * (side[:, None] + side)
+        away, half = distances(arm), 0.5 * NEXT * np.sqrt(self._cell)
+        self._near, self._next = away <= REACH, away <= half[:, None] + half
         none = np.zeros(n, np.bool_)
         self._nothing = self._sum(np.zeros(n), none, ~none, None)
 
@@ -185,7 +175,7 @@ class LoadMeter:
         own = (
             _sums(patch, noise, n) + _sums(patch, area * creep, n) ** 2 + common * _sums(patch, area, n) ** 2
         )
-        error_of_link, variance_of_link = (_sums(arm.patch_link, x, m) for x in (error, own + error))
+        variance_of_link = _sums(arm.patch_link, own + error, m)
         s, a, place_sd = np.zeros((3, m))
         for k in np.flatnonzero(of_link > 0.0).tolist():
             (i,) = np.nonzero(counts & (link == k))
@@ -194,7 +184,7 @@ class LoadMeter:
             s[k], a[k] = arm.tactel_s[top] + weight @ x, wrap(arm.tactel_a[top] + weight @ y)
             away2 = (x - weight @ x) ** 2 + (y - weight @ y) ** 2
             spread2 = 0.25 * self._cell[top] + max(weight @ away2, 0.0)
-            place_sd[k] = math.sqrt(0.5 * noise[i] @ away2 + error_of_link[k] * spread2) / of_link[k]
+            place_sd[k] = math.sqrt(variance_of_link[k] * spread2) / of_link[k]
         border = (self._next[touched] & ~touched).any(axis=1)
         return Loads(
             patches=LoadRows(force=of_patch, force_sd=np.sqrt(own + error), area=_sums(patch, pressed, n)),
@@ -209,7 +199,8 @@ class LoadMeter:
             force=float(of_link.sum()),
             force_sd=math.sqrt(variance_of_link.sum()),
             area=float(pressed.sum()),
-            area_sd=math.sqrt(BORDER * (border * self._cell[touched] ** 2).sum()),
+            # anything from none to all of a cell at the border of a touch is pressed
+            area_sd=math.sqrt((border * self._cell[touched] ** 2).sum() / 12.0),
             at_least=(_sums(patch, read, n) == 0.0) | (_sums(patch, full, n) > 0.0),
         )
 

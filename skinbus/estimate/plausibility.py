@@ -10,7 +10,7 @@ Frozen:    not a bit changes, for a time in which it would have changed at the r
 Dead:      reads less than a tenth of the least that it should have felt in two touches, in two places, and
            nothing in between: every contact that explains its neighbours by the law of the board would press
            it. In each cycle one of the silent tactels beside the strongest of a touched board is looked at
-Jumping:   it begins to read alone what no contact explains, some five times in five seconds
+Jumping:   it begins to read alone what no contact explains, some five times in ten seconds
 Band:      below its zero band, or its zero has left it (``Baseline``)
 
 Readings that come again bit by bit, although the noise of the tactel shows in others, are not those of a new
@@ -40,7 +40,7 @@ import numpy.typing as npt
 from scipy.special import erf
 
 from skinbus.arrays import Bools, Bytes, Floats, Ints
-from skinbus.estimate.baseline import Baseline
+from skinbus.estimate.baseline import EXPLAINED, FORGET_S, SETTLE_S, SIGMAS, Baseline
 from skinbus.estimate.kernels.layout import limit_of, step_of
 from skinbus.model import Arm, Law
 from skinbus.model.validation import check_arm, check_time
@@ -62,31 +62,19 @@ BAND, RAIL, FROZEN, DEAD, JUMPING = map(int, TactelFault)
 JUDGED = RAIL | FROZEN | DEAD | JUMPING
 """What is found here; of its band the baseline knows."""
 
-RETURN_S = 1.0
-"""A tactel that has been plausible for so long is used again, s."""
-
 # --- Rails and jumps -------------------------------------------------------------------------------
 BOTTOM = 0.95
 """Of full scale below zero: no healthy tactel reads so little."""
-RAIL_S, RAIL_READINGS = 0.2, 5
-"""At a rail for so long, and so many readings: within half a second at 10 Hz and more, and no bit error."""
+WRONG_S, WRONG_TIMES = 0.2, 5
+"""At a rail for so long, and so many readings: within half a second at 10 Hz and more, and no bit error. So
+many jumps within ``FORGET_S``: a bit error now and then is not a fault of the tactel."""
 LEAST_FULL = 4
 """Tactels of a board that all of them are: one contact may saturate fewer."""
 LEAP = 0.5
 """Of full scale: what comes there by more at once, and alone, is stuck; or the supply of the board fails."""
-JUMPS, JUMPS_S = 4.0, 5.0
-"""So many within so long, s: a bit error now and then is not a fault of the tactel."""
-JUMP_SIGMAS = 12.0
-"""A jump, in standard deviations of noise, and at least the touch threshold: twice what is a touch."""
-UNMOVED = 2.5
-"""Root mean square of the changes of readings beside a jump, in standard deviations of noise, that is none. A
-tip of 2 mm with 1 N in the middle of a tactel changes the four beside it by 2 each."""
 LONE = 0.2
-"""Of what the narrowest contact gives the neighbours of a tactel they read at least this part: gains differ
-by 10 %, and the skirt of a tip of 2 mm is half of what the law, made so narrow, says."""
-LONE_SURE = 3.0
-"""Standard deviations by which all neighbours together read less than that: what real contacts make them read
-is 7 more, and once in a thousand cycles a tactel that only looks so is missing."""
+"""Of what a contact gives the neighbours of a tactel they read at least this part: gains differ by 10 %, and
+the skirt of a tip of 2 mm is half of what the law says."""
 BEYOND = 4.0
 """Highest peak of a contact beside a tactel that is considered, in full scales: 170 N on the usual board."""
 
@@ -97,15 +85,12 @@ every pressure. Noise of less than half a step repeats half of them where it is 
 the middle of one."""
 FORGET_CYCLES = 2000
 """It is that of the last so many cycles."""
-SUSPECT = math.log(1e-5)
-"""Chance of repetitions of tactels in a row to be new samples, below which they are missing."""
-REPEAT_CHANCE = math.log(1e-9)
-"""The same of a whole board: once in eleven days at 1 kHz."""
-CHANCE = 2.0 * math.log(1e-15)
-"""Of one run of readings to call a healthy tactel frozen: 400 tactels at 1 kHz have 10^13 runs in a year. It
-counts twice: a pressed reading may lie in the middle of a step, where it changes less often."""
+CHANCE = math.log(1e-5)
+"""Chance of repetitions of tactels in a row to be new samples, below which they are missing. A board is
+withheld at its square, once in four months at 1 kHz, and a tactel frozen at its sixth power: a pressed
+reading may lie in the middle of a step, where it changes less often."""
 
-# --- Dead tactels ----------------------------------------------------------------------------------
+# --- What neighbours say ---------------------------------------------------------------------------
 REACH, NEXT = 2.3, 1.5
 """Pitches within which tactels of a board are neighbours: two steps on a square, but for the corners; and
 within which they are next to each other."""
@@ -113,25 +98,18 @@ PLACES, SPAN = 17, 1.75
 """Places of a contact that are tried along each axis, and how far they reach, in pitches. Any contact that is
 felt beside a tactel, but not by it, is among them, and a reading changes by no more than the law's error from
 one to the next."""
-CENTRE = PLACES**2 // 2
-"""The place in the middle: a narrow contact there gives neighbours the least."""
-LIGHT_N = 1.0
-"""Force by whose law a reading is judged beside others, N."""
 WIDTH = 0.92
 """Of the narrowest contact, a tip of 2 mm, part of that of the law."""
-LIKELY, MISFIT, TOLERANCE = 6.0, 1.0, 0.1
-"""chi^2 within which another place explains the neighbours too; chi^2 of each neighbour beyond which none
-does; the law's error, part of the peak."""
-LEAST_NEAR = 4
-"""Neighbours that a contact is found by: it has three unknowns."""
+LIKELY, TOLERANCE = 6.0, 0.1
+"""chi^2 within which another place explains the neighbours too; the law's error, part of the peak."""
 ELSEWHERE = 0.5
-"""Pitches from the first touch that a dead tactel should have felt to the second: that may be two contacts
-that look like one, and press the same place again and again."""
-DEAD_SHARE, SURE = 0.1, 2.0
-"""A dead tactel reads less than this part of the least it should have, by so many standard deviations: beside
-a tip of 2 mm, for which the law is too wide, a healthy one may read a tenth."""
+"""Pitches between two contacts that a dead tactel should have felt: one may be two that look like one, and
+press the same place again and again."""
+DEAD_SHARE = 0.1
+"""A dead tactel reads less than this part of the least it should have: beside a tip of 2 mm, for which the
+law is too wide, a healthy one may read a tenth."""
 FEELS = 5.0
-"""Standard deviations from which a tactel feels something, and half of its threshold: it is not dead."""
+"""Standard deviations from which a tactel feels something: it is not dead."""
 
 
 class Plausibility:
@@ -145,18 +123,16 @@ class Plausibility:
         step, self._high = step_of(arm), limit_of(arm)
         self._low = -BOTTOM * self._high
         self._sigma = np.maximum(np.sqrt(arm.tactel_noise**2 + step**2 / 12.0), 1e-3)
-        self._jump = np.maximum(arm.tactel_threshold, JUMP_SIGMAS * self._sigma)
-        self._feels = np.maximum(0.5 * arm.tactel_threshold, FEELS * self._sigma)
+        self._jump = np.maximum(arm.tactel_threshold, 2.0 * SIGMAS * self._sigma)  # twice what is a touch
         # largest chance of a reading to come again, by the declared noise: the mean in the middle of a step
         most = erf(step / (np.sqrt(8.0) * np.maximum(arm.tactel_noise, 1e-300)))
         self._most = np.where(step > 0.0, most, 1.0)
         self._value, self._state = np.zeros(n), np.zeros((7, n))
         self._state[2] = 1.0  # noise is not known to show
-        self._is_full, self._quiet_s = np.zeros(m, np.bool_), np.zeros(m)
-        self._touches = np.zeros(m, np.int64)
-        # touch of its board in which a tactel, silent since, should have felt something first, and where
-        self._since, self._place = np.full(n, -1), np.zeros(n, np.complex128)
-        self._due, self._turn = np.zeros((2, n)), 0
+        self._is_full = np.zeros(m, np.bool_)
+        # where a contact was that a tactel, silent since, should have felt: in any touch, in an earlier one
+        self._missed_at, self._turn = np.full((2, n), np.nan, np.complex128), 0
+        self._missed = np.zeros((2, n))  # squares of what it should have felt; by what it felt
         self.faults: Bytes = np.zeros(n, np.uint8)
         """(n_tactels,) :class:`TactelFault` bits, live."""
         self.is_withheld, self.is_repeated = np.zeros((2, m), np.bool_)
@@ -186,7 +162,7 @@ class Plausibility:
         baseline:  as the last cycle has left it.
         """
         now_ns, patch, touched = check_time(t_ns), self._patch, baseline.felt.touched != 0
-        dt = min(max(1e-9 * (now_ns - self._last_ns), 0.0), 1.0) if self._last_ns is not None else 0.0
+        dt = min(max(1e-9 * (now_ns - self._last_ns), 0.0), SETTLE_S) if self._last_ns is not None else 0.0
         change, felt = pressures - self._value, pressures - baseline.felt.zero
         self._last_ns, self._value = now_ns, pressures.copy()
         seen = fresh[patch] & self.arm.tactel_healthy & np.isfinite(pressures)
@@ -200,10 +176,10 @@ class Plausibility:
         begins = ~shows
         begins[self._first] = True
         run = np.cumsum(begins)
-        is_old = shows & (np.bincount(run, chance * still)[run] < SUSPECT)
+        is_old = shows & (np.bincount(run, chance * still)[run] < CHANCE)
 
         n_seen, is_top = self._by_patch(seen), seen & (pressures >= self._high)
-        all_again = (self._by_patch(comes_again) == n_seen) & (self._by_patch(chance) < REPEAT_CHANCE)
+        all_again = (self._by_patch(comes_again) == n_seen) & (self._by_patch(chance) < 2.0 * CHANCE)
         self.is_repeated[:] = fresh & all_again
         leaps = is_top & (change >= LEAP * self._high)
         is_full = self._is_full | (2 * self._by_patch(leaps) > n_seen)
@@ -216,98 +192,79 @@ class Plausibility:
         n = np.minimum(n + free, FORGET_CYCLES)
         same = same + free * (comes_again - same) / np.maximum(n, 1.0)
 
-        lone = self._find_lone(seen & ~is_full & (felt >= self._jump), felt, change, leaps)
-        lone |= is_top & (was_lone > 0.0)
-        jumps = jumps * (1.0 - min(dt / JUMPS_S, 1.0)) + (lone & (was_lone == 0.0))
+        lone, (i,) = is_top & (was_lone > 0.0), np.nonzero(seen & ~is_full & (felt >= self._jump))
+        beside = np.where(self._is_next[:, i], felt[self._near[:, i]], 0.0).max(axis=0)
+        for k in i[leaps[i] | (beside < LONE * felt[i])].tolist():
+            lone[k] |= self._is_lone(k, felt) or (leaps[k] and self._is_lone(k, change))
+        jumps = jumps * (1.0 - dt / FORGET_S) + (lone & (was_lone == 0.0))
         is_wrong = lone | is_full | (pressures <= self._low)
-        rail_s = np.where(is_wrong, rail_s + min(dt, RAIL_S / RAIL_READINGS), 0.0)
-        bad = RAIL * (rail_s >= RAIL_S) | JUMPING * (jumps >= JUMPS) | FROZEN * (chance * still < CHANCE)
+        rail_s = np.where(is_wrong, rail_s + min(dt, WRONG_S / WRONG_TIMES), 0.0)
+        bad = RAIL * (rail_s >= WRONG_S) | JUMPING * (jumps >= WRONG_TIMES - 1)
+        bad |= FROZEN * (chance * still < 6.0 * CHANCE)
         good_s = np.where(bad == 0, good_s + dt, 0.0)
-        held = self.faults & np.where(good_s < RETURN_S, JUDGED, DEAD)
+        held = self.faults & np.where(good_s < SETTLE_S, JUDGED, DEAD)
         np.copyto(self._state, (still, n, same, rail_s, lone, jumps, good_s), where=seen)
         np.copyto(self.faults, held | bad | BAND * baseline.felt.out, "unsafe", where=seen)
 
         is_touched = fresh & (self._by_patch(touched) > 0)
-        self._touches += is_touched & (self._quiet_s > RAIL_S)
-        self._quiet_s = np.where(is_touched, 0.0, self._quiet_s + dt * fresh)
+        self._missed_at[1] = np.where(is_touched[patch], *self._missed_at[::-1])
         if is_touched.any():
-            self._watch(seen & is_touched[patch] & ~is_full, felt)
+            self._find_dead(seen & is_touched[patch] & ~is_full, felt)
         self.n_faulty[:] = self._by_patch(self.faults != 0)
         # the baseline watches for a return to the band; what is not named yet is not used either
         unsure = (self.faults == 0) & (is_old | is_wrong)
         pressures[seen & ((self.faults & JUDGED != 0) | unsure)] = math.nan
 
-    def _find_lone(self, high: Bools, felt: Floats, change: Floats, leaps: Bools) -> Bools:
-        """Return which of some tactels read what no contact around explains.
+    def _is_lone(self, k: int, felt: Floats) -> bool:
+        """Return whether what a tactel reads is not explained by a contact anywhere around.
 
-        So does one that leaps to full scale while those next to it stay as they are: a tap changes them too,
-        however narrow and short it is.
+        A neighbour that reads more may feel another contact, and makes up for no other neighbour.
         """
-        lone, (i,) = np.zeros(len(felt), np.bool_), np.nonzero(high)
-        at_centre = felt[i] * self._law[self._row[1:, i], CENTRE]
-        for k in i[leaps[i] | ~self._is_explained(self._near[1:, i], at_centre, felt)].tolist():
-            j, row = self._near[1:, k], self._row[:, k]
-            peak = felt[k] / np.maximum(self._law[row[0]], 1e-9)
-            explained = self._is_explained(j[:, None], peak * self._law[row[1:]], felt)
-            beside = j[self._is_next[row[1:]] & (self.faults[j] == 0)]
-            is_still = (change[beside] ** 2).sum() < 2.0 * ((UNMOVED * self._sigma[beside]) ** 2).sum()
-            lone[k] = (leaps[k] and is_still) or not explained[peak <= BEYOND * self._high[k]].any()
-        return lone
+        j, own = self._near[1:, k], self._law[self._row[0, k]]
+        law = self._law[self._row[1:, k]] * (self.faults == 0)[j, None]
+        peak = felt[k] / np.maximum(own, 1e-9)
+        less = law * (LONE * peak * law - np.minimum(felt[j, None], peak * law))
+        noise = self._sigma[k] * np.sqrt((law**2).sum(axis=0))
+        return not (less.sum(axis=0) <= EXPLAINED * noise)[peak <= BEYOND * self._high[k]].any()
 
-    def _is_explained(self, near: Ints, due: Floats, felt: Floats) -> Bools:
-        """Return whether neighbours read enough of what is due to each (Pa), by columns.
-
-        What is more than the law may be of another contact, and makes up for no other neighbour.
-        """
-        due = due * (self.faults == 0)[near]
-        less = due * (LONE * due - np.clip(felt[near], 0.0, due))
-        noise = np.sqrt(((due * self._sigma[near]) ** 2).sum(axis=0))
-        return np.asarray(less.sum(axis=0) <= LONE_SURE * noise)
-
-    def _watch(self, watched: Bools, felt: Floats) -> None:
-        """Note which tactels feel something; look at one that does not, beside the strongest of its board."""
-        feels, since = felt >= self._feels, self._since
-        since[watched & feels] = -1
+    def _find_dead(self, watched: Bools, felt: Floats) -> None:
+        """Look at one silent tactel beside the strongest of its board."""
+        feels = felt >= FEELS * self._sigma
+        self._missed_at[:, watched & feels] = np.nan
         self.faults[watched & feels] &= JUDGED ^ DEAD | BAND
-        works = self.faults == 0
-        usable, top = works & (self._value < self._high), np.where(works, felt, 0.0)
-        (i,) = np.nonzero(watched & usable & (felt >= np.maximum.reduceat(top, self._first)[self._patch]))
-        i = self._near[1:, i][self._is_next[self._row[1:, i]]]
+        usable = (self.faults == 0) & (self._value < self._high)
+        top = np.maximum.reduceat(np.where(usable, felt, 0.0), self._first)[self._patch]
+        (i,) = np.nonzero(watched & usable & (felt >= top))
+        i = self._near[:, i][self._is_next[:, i]]
         i = i[(watched & usable & ~feels)[i]]
         if not len(i):
             return
         self._turn += 1
         k = int(i[self._turn % len(i)])
-        now, sigma = self._touches[self._patch[k]], self._sigma[k]
         # on a dead line the silence of others says nothing
-        least, place = (
-            self._least_felt(k, felt, usable) or self._least_felt(k, felt, usable & feels) or (0.0, 0j)
-        )
-        is_new = since[k] in (-1, now) or abs(place - self._place[k]) >= ELSEWHERE
-        if least >= self._feels[k] and is_new:
-            if since[k] < 0:
-                since[k], self._place[k], self._due[:, k] = now, place, 0.0
-            self._due[:, k] += least * least, least * felt[k]
-            due, shown = self._due[:, k]
-            if now > since[k] and shown + SURE * sigma * math.sqrt(due) < DEAD_SHARE * due:
+        least, place = self._least(k, felt, usable) or self._least(k, felt, usable & feels) or (0.0, 0j)
+        first, is_elsewhere = self._missed_at[1, k], abs(place - self._missed_at[1, k]) >= ELSEWHERE
+        if least >= FEELS * self._sigma[k] and (np.isnan(first) or is_elsewhere):
+            if np.isnan(self._missed_at[0, k]):
+                self._missed_at[0, k], self._missed[:, k] = place, 0.0
+            self._missed[:, k] += least * least, least * felt[k]
+            due, shown = self._missed[:, k]
+            if is_elsewhere and shown + 2.0 * self._sigma[k] * math.sqrt(due) < DEAD_SHARE * due:
                 self.faults[k] |= DEAD
 
-    def _least_felt(self, k: int, felt: Floats, usable: Bools) -> tuple[float, complex] | None:
+    def _least(self, k: int, felt: Floats, usable: Bools) -> tuple[float, complex] | None:
         """Return the least (Pa) that a tactel reads under a contact that explains its neighbours, and where.
 
-        Of the places of a contact those with a chi^2 of at most LIKELY more than the best explain the
-        neighbours, if that of the best is at most MISFIT each. None if none does.
+        None if none does.
         """
         j = self._near[1:, k]
         told = (j >= 0) & usable[j]
         law, y = self._law[self._row[1:, k][told]], felt[j[told]]
-        if len(y) < LEAST_NEAR:
-            return None
         up, down = y @ law, np.einsum("ij,ij->j", law, law)
         peak = up / np.maximum(down, 1e-12)
         chi2 = np.where(peak <= BEYOND * self._high[k], y @ y - peak * up, np.inf)
-        best, unit = chi2.argmin(), self._sigma[k] ** 2 + (TOLERANCE * y.max()) ** 2
-        if chi2[best] > MISFIT * len(y) * unit:
+        best, unit = chi2.argmin(), self._sigma[k] ** 2 + (TOLERANCE * y.max(initial=0.0)) ** 2
+        if len(y) <= 3 or chi2[best] > len(y) * unit:  # a contact has three unknowns
             return None
         own = peak * self._law[self._row[0, k]]
         return float(own[chi2 <= chi2[best] + LIKELY * unit].min()), complex(PLACE[best])
@@ -323,11 +280,11 @@ PLACE = (AXIS + 1j * AXIS[:, None]).ravel()
 
 
 def _neighbours(arm: Arm) -> tuple[Ints, Ints, Floats, Bools]:
-    """Return the neighbours of tactels, rows of the law for them, the law, and which rows are one step away.
+    """Return the neighbours of tactels, rows of the law for them, the law, and which are one step away.
 
-    Neighbours and rows are (n, n_tactels), -1 for none, the nearest first: the tactel itself. The law
-    (rows, places) is the part of its peak that a tactel feels of a light contact at a place around another;
-    of a cone, the narrowest it makes. Boards of one law share rows; the last is 0, of none.
+    All but the law are (n, n_tactels), -1 for none, the nearest first: the tactel itself. The law (rows,
+    places) is the part of its peak that a tactel feels of a contact of 1 N at a place around another. Boards
+    of one law share rows; the last is 0, of none.
     """
     rows: dict[tuple[Law, float, complex], int] = {}
     near: Any = []
@@ -341,10 +298,9 @@ def _neighbours(arm: Arm) -> tuple[Ints, Ints, Floats, Bools]:
             near.append(start + beside)
             row.append([rows.setdefault((law, pitch, step), len(rows)) for step in steps[beside].tolist()])
     peaks = [
-        law.pressure(pitch * np.abs(np.append(PLACE - step, 0.0)) / WIDTH, LIGHT_N)
-        for law, pitch, step in rows
+        law.pressure(pitch * np.abs(np.append(PLACE - step, 0.0)) / WIDTH, 1.0) for law, pitch, step in rows
     ]
     table = np.array([*(peak[:-1] / peak[-1] for peak in peaks), np.zeros(PLACES**2)])
-    is_next = np.array([*(abs(step) < NEXT for _, _, step in rows), False])
+    is_next = np.array([*(0.0 < abs(step) < NEXT for _, _, step in rows), False])
     near, row = (np.array([*zip_longest(*lists, fillvalue=-1)]) for lists in (near, row))
-    return near, row, table, is_next
+    return near, row, table, is_next[row]

@@ -51,6 +51,7 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from skinbus.arrays import Bools, Floats, Ints
+from skinbus.estimate.baseline import EXPLAINED
 from skinbus.estimate.contacts import Contacts
 from skinbus.model import Arm
 from skinbus.model.validation import check_arm, check_fresh, check_time
@@ -67,8 +68,8 @@ UNKNOWN, LEAST, MOST = np.array([[2e-3, 2e-3, 0.5], [1e-4, 1e-4, 0.01], [25e-3, 
 """Variances of s, a (m^2) and force (N^2): of a contact without covariance, K-means errs by 1-4 mm and 7-18 %
 of some newtons; the least of one with covariance, a count on the wire; the most, and that after a restart,
 half a patch: a contact is known to be on its patch."""
-FAR = np.array([1e3, 1e3, 1e9])
-"""s, a (m) and forces (N) beyond these are no contacts."""
+FAR = 1e4
+"""s, a (m) and forces (N) beyond are no contacts."""
 
 # --- Motion ----------------------------------------------------------------------------------------
 ACCELERATION = np.array([[0.01], [0.01], [0.0]])
@@ -80,30 +81,23 @@ SIGMA_SPEED = 0.7
 """Speed of a contact that has just come, m/s: a hand that wipes has 1."""
 
 # --- Association -----------------------------------------------------------------------------------
-FASTEST, REACH = 1.1, (20e-3, 45e-3)
-"""A contact is that of a track if it has moved no faster since that was seen, m/s; within two pitches, as
-estimates at seams jump by one, and fingers that lift and touch in turn are further apart; at most within a
-patch, m."""
-COST_NONE = 1e3
-"""Cost of leaving a pair apart: over that of all pairs, which is 1 each at most."""
-GATE = 18.4
-"""Normalised distance squared beyond which a contact is off the line of its track: 99.99 % of chi-squared
-with 2 degrees of freedom."""
+FASTEST = 1.1
+"""A contact is that of a track if it has moved no faster since that was seen, m/s, or within REACH."""
+REACH, MERGE_REACH = 20e-3, 40e-3
+"""A contact is that of a track within two pitches of where that was seen or is expected, m, as estimates at
+seams jump by one, and fingers that lift and touch in turn are further apart; further at low rates. Two within
+four pitches, where one of them is in a gap, may be seen as one."""
 
 # --- Life ------------------------------------------------------------------------------------------
 COAST_CYCLES = 2
 """Cycles that a track may miss for no reason."""
-MERGE_REACH = 40e-3
-"""Two contacts closer than this may be seen as one, m: four pitches, where one of them is in a gap."""
 MERGE_SHARE = 0.2
 """Share of the hidden contact's force that the common one must show over that of the other."""
 GAP = (1.0, 1.6)
 """A place so far from all tactels is in a gap, pitches: nearer ones feel a finger of 2 N; the middle of a
 corner of four boards is 1.5 away, and what is further is off the skin."""
 SPEED_MOVE = 0.02
-"""A contact faster than this moves, m/s, if it is also three sigmas of the speed; ..."""
-SPEED_HELD = 0.01
-"""... and is held again below this."""
+"""A contact faster than this moves, m/s, if it is also three sigmas of the speed."""
 
 FREE, TOUCH, HELD, LIFT, COAST, MOVE = range(6)
 
@@ -309,8 +303,8 @@ class Tracker:
         # one that has turned or begun to move is where it was, not where it was expected
         still = self._distance(c, link, w["s"][:, None], w["a"][:, None])
         still[np.isinf(away) | w["is_hidden"][:, None]] = np.inf
-        cost = (np.minimum(away, still) / np.clip(FASTEST * 1e-9 * unseen_ns, *REACH)) ** 2
-        i, j = linear_sum_assignment(np.where(cost <= 1.0, cost, COST_NONE))
+        cost = (np.minimum(away, still) / np.clip(FASTEST * 1e-9 * unseen_ns, REACH, MERGE_REACH)) ** 2
+        i, j = linear_sum_assignment(np.where(cost <= 1.0, cost, MAX_TRACKS))
         is_pair = cost[i, j] <= 1.0
         i, j = i[is_pair], j[is_pair]
         w["row"][i], c["track"][j] = j, i
@@ -338,7 +332,7 @@ class Tracker:
             w["shared"][by[np.where(is_both, away, np.inf).argmin()]] = True
         d = arm.links[t["link"]].surface.distance(arm.tactel_s, arm.tactel_a, s, a)
         d = np.where((arm.tactel_link == t["link"]) & arm.tactel_healthy, d, np.inf)
-        is_read = fresh[t["patch"]] and fresh[arm.tactel_patch[d.argmin()]]
+        is_read = fresh[arm.tactel_patch[d.argmin()]]
         in_gap = t["moving"] and GAP[0] < (d / self._pitch).min() <= GAP[1]
         is_over = t["missed"] > COAST_CYCLES and is_read and not (in_gap or t["is_hidden"])
         t["state"] = LIFT if is_over or unseen_ns > self._blind_ns else COAST
@@ -353,14 +347,15 @@ class Tracker:
         off[:, 1] = self._wrap(off[:, 1], c["link"])
         common = p[..., :2] - age[..., None] * p[..., 1:]  # of value and speed with what is seen
         variance = common[..., 0] - age * common[..., 1] + c["r"]
-        is_off, doubted = (off**2 / variance)[:, :2].sum(axis=1) > GATE, w["doubted"][i]
+        is_off, doubted = (off**2 / variance)[:, :2].mean(axis=1) > EXPLAINED**2, w["doubted"][i]
         takes = ~w["shared"][i] & (dt > 0.0)
         gain = common / variance[..., None] * (takes & (~is_off | doubted))[:, None, None]
         x += gain * off[..., None]
         p -= gain[..., [0, 0, 1]] * common[..., [0, 1, 1]]
         x[:, 1, 0] = self._wrap(x[:, 1, 0], c["link"])
-        speed2, sure2 = (x[:, :2, 1] ** 2).sum(axis=1), 9.0 * p[:, :2, 2].max(axis=1)
-        moving = speed2 > np.where(w["moving"][i], SPEED_HELD**2, np.maximum(SPEED_MOVE**2, sure2))
+        least2 = np.maximum(SPEED_MOVE**2, EXPLAINED**2 * p[:, :2, 2].max(axis=1))
+        # held again below half of that
+        moving = (x[:, :2, 1] ** 2).sum(axis=1) > least2 * np.where(w["moving"][i], 0.25, 1.0)
         w["s"][i], w["a"][i], w["force"][i] = z.T
         w["patch"][i], w["seen_ns"][i] = c["patch"], t_ns - c["age_ns"]
         w["missed"][i], w["is_hidden"][i] = 0, False
