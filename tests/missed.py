@@ -10,8 +10,8 @@ COARSE = (
 )
 
 MISSED = {
-    f"{COARSE}[fit]": "1 % are 3 mm off; less asked",
-    f"{COARSE}[full]": "3.3 % beyond; 1 % asked",
+    f"{COARSE}[fit]": "2.3 % beyond; 1 % asked",
+    f"{COARSE}[full]": "1 % are 3 mm off; less asked",
     "tests/estimate/test_plausibility.py::"
     "test_dead_tactel_is_named_within_ten_touches_of_its_neighbourhood[at an edge]": (
         "19 of 20 are; 20 asked: with more looks in a cycle healthy tactels are named"

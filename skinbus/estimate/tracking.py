@@ -332,7 +332,7 @@ class Tracker:
             w["shared"][by[np.where(is_both, away, np.inf).argmin()]] = True
         d = arm.links[t["link"]].surface.distance(arm.tactel_s, arm.tactel_a, s, a)
         d = np.where((arm.tactel_link == t["link"]) & arm.tactel_healthy, d, np.inf)
-        is_read = fresh[arm.tactel_patch[d.argmin()]]
+        is_read = fresh[t["patch"]] and fresh[arm.tactel_patch[d.argmin()]]
         in_gap = t["moving"] and GAP[0] < (d / self._pitch).min() <= GAP[1]
         is_over = t["missed"] > COAST_CYCLES and is_read and not (in_gap or t["is_hidden"])
         t["state"] = LIFT if is_over or unseen_ns > self._blind_ns else COAST

@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import CubicHermiteSpline, PPoly
 from scipy.sparse import csr_array
 
 from skinbus.arrays import Bools, Floats
@@ -54,6 +54,8 @@ MIN_READINGS = 20
 ROUNDS, MAX_ROUNDS = 12, 60
 """Rounds in which variances, outliers and the penalty are chosen anew, and all: with weights that stay it is
 least squares, which converges, where no radial law is true, too."""
+SETTLED = 3
+"""Rounds after which presses move and outliers are looked for: before, the profile is not one."""
 TOLERANCE = 1e-4
 """Of the largest pressure, by which the last round changes readings: a tenth of what they resolve."""
 
@@ -62,13 +64,30 @@ TACTEL_SD = (0.1, 0.04, 0.003)
 arrays."""
 FORCE_SD = 0.02
 """Standard deviation of the force of a press, as a part of it: a load cell, or a weight on a guided tip."""
-SAID = 10.0
-"""Presses, or tactels, that weigh as much as the standard deviations said when they are refined."""
+SAID, MOST_SD = 10.0, 3.3
+"""Presses, or tactels, that weigh as much as the standard deviations said when they are refined, and how many
+times those they become at most: presses that err by more than 1 mm are not moved to where they fit."""
+FAR = 0.5
+"""Part of the readings, by distance from a press, beyond which they show the noise."""
+LOUD = 0.2
+"""Part of the largest pressure above which a reading shows the misfit that is reported."""
+MOST_LEVERAGE = 0.9
+"""Part of a reading's variance that unknowns take up, at most."""
 BINS = 16
 """Of the misfit over the distance: 2 mm each."""
-OFF = 3.3
-"""Standard deviations from which a residual counts less, and no more in variances; and times what the median
-press deviates by, and the model expects, from which a press is left out."""
+HUBER, CLIP = 2.5, 4.0
+"""Standard deviations from which a residual counts less than its square, and to which residuals are cut where
+variances are estimated."""
+OUTLIER, OUTLIER_SHARE = 3.3, 0.1
+"""A press is an outlier when the root mean square of its residuals is so many times the median of all
+presses: one displaced by 5 mm has 4 to 200 times, the worst of 1600 good ones 3 times. At most this share
+is."""
+TRUEST, FIRST = 1e-3, 0.05
+"""Parts of the largest reading: the best of laws leaves the one, so that no reading weighs more for being
+truer or is an outlier for less than multiples of it; and errors are taken to be the other at first."""
+LEFT_BY_MAP = 0.1
+"""Part of the misfit that stays under a map of residuals: between presses it predicts less well than at
+them."""
 WEIGHTS = np.logspace(-2.0, 3.0, 11)
 """Weights of the penalty that are tried, relative to the information of the readings. With smaller ones a
 table follows readings no closer, but errors of few presses or of rounding made them be chosen."""
@@ -144,7 +163,8 @@ def learn_radial_law(
     Raises:
         ValueError: shapes that do not fit, forces that are not positive, or too few readings to learn from.
     """
-    s, a, table = (np.asarray(x, np.float64) for x in (s, a, pressures))
+    s, a = (np.atleast_1d(np.asarray(x, np.float64)) for x in (s, a))
+    table = np.atleast_2d(np.asarray(pressures, np.float64))
     n = len(s)
     if table.shape != (n, arm.n_tactels) or a.shape != (n,):
         wanted = f"({n},) and ({n}, {arm.n_tactels})"
@@ -156,19 +176,21 @@ def learn_radial_law(
     converged = False
     for k in range(MAX_ROUNDS):
         before = fit.prediction
-        fit.improve(choose=k < ROUNDS, move=place_sd > 0.0)
+        fit.improve(choose=k < ROUNDS, move=k >= SETTLED and place_sd > 0.0)
         if k < ROUNDS:
-            fit.find_outliers()
+            if k >= SETTLED:
+                fit.find_outliers()
             fit.find_variances(fit.residuals)
         change = np.abs(fit.prediction - before).max()
         converged = bool(change < TOLERANCE * np.abs(fit.prediction).max())
         if converged:
             break
-    left = fit.residuals[fit.kept] ** 2 / fit.variance[fit.kept]
     values = fit.find_maps(arm) if maps else None
     log_gain, width, offset = fit.tactels.values.T
-    # the geometric mean of the responses of tactels that were read is 1
-    gain, to_newtons = np.exp(log_gain), math.exp(-fit.exponent * fit.middle)
+    # the mean response of the tactels that were read is 1
+    common = float(np.exp(log_gain[fit.tactels.known]).mean())
+    gain, to_newtons = np.exp(log_gain) / common, common * math.exp(-fit.exponent * fit.middle)
+    left = fit.residuals[fit.kept] ** 2 / fit.variance[fit.kept]
     return Calibration(
         law=fit.law(to_newtons, has_map=values is not None),
         gain=arm.tactel_gain / gain,
@@ -211,14 +233,13 @@ class _Unknowns:
         # what is common to all belongs to the law
         common = values[self.known].mean(axis=0)
         self.values = (values - common) * self.known[:, None]
-        variance = np.einsum("kii->ki", covariance)[self.known]
-        self.variance = variance.mean(axis=0)
+        self.variance = np.einsum("kii->ki", covariance)[self.known].mean(axis=0)
         """Mean of what readings leave of each."""
         self.taken_up = np.einsum("ri,rij,rj->r", weighted, covariance[self.owner], slopes)
         if refine:
-            square = (self.values[self.known] ** 2 + variance) / self._said**2
+            square = (self.values**2 + np.einsum("kii->ki", covariance))[self.known] / self._said**2
             ratio = (square.sum(axis=0) + SAID) / (len(square) + SAID)
-            self._sd = self._said * np.sqrt(ratio)
+            self._sd = self._said * np.minimum(np.sqrt(ratio), MOST_SD)
         return np.asarray(common)
 
 
@@ -251,13 +272,14 @@ class _Fit:
         self._learns_exponent = force.max() >= MIN_FORCE_RATIO * force.min()
         # the standard deviation that rounding alone gives a reading, Pa
         self._floor = np.maximum(step_of(arm) / math.sqrt(12.0), 1e-9 * peak)
+        self._unmatched = TRUEST * peak
         self.table, self.exponent = np.zeros(POINTS - 1), 1.0
         self.tactels = _Unknowns(tactel, arm.n_tactels, np.array(TACTEL_SD) * (1.0, 1.0, peak))
         """Logarithms of gain and width, offset (Pa)."""
         self.presses = _Unknowns(press, len(s), (place_sd or 1.0, place_sd or 1.0, FORCE_SD))
         """What they are off by along s and a (m), and in the logarithm of the force."""
         self._misfit_profile, self._weight = np.zeros(BINS), float(WEIGHTS[0])
-        self.variance = np.full(len(self._p), (TACTEL_SD[0] * peak) ** 2)
+        self.variance = np.full(len(self._p), (FIRST * peak) ** 2)
         self.outlier = np.zeros(len(s), np.bool_)
         self._predict()
 
@@ -280,10 +302,10 @@ class _Fit:
         self.amplitude = np.exp(gain + self.exponent * self._log_force + off_force)
         """Gain of the tactel times effective force."""
         at = self.d / np.exp(width)
-        self._basis = _matrix(at)
+        self._basis = _matrix(_PROFILES, at)
         self.pressed = self.amplitude * (self._basis @ self.table)
         self.prediction = self.pressed + self._offset
-        slope = _matrix(at, 1) @ self.table
+        slope = _matrix(_SLOPES, at) @ self.table
         self._by_distance = self.amplitude * slope / (STEP * np.exp(width))
 
     def improve(self, *, choose: bool, move: bool) -> None:
@@ -293,8 +315,9 @@ class _Fit:
         """
         if choose:
             # the inverse variance, less for large residuals, 0 for outliers
-            off = np.abs(self.residuals) / np.sqrt(self.variance) if self.table.any() else 0.0 * self._p
-            self._trust = self.kept * np.minimum(1.0, OFF / np.maximum(off, OFF)) / self.variance
+            variance = self.variance + self._unmatched**2
+            off = np.abs(self.residuals) / np.sqrt(variance) if self.table.any() else 0.0 * self._p
+            self._trust = self.kept * np.minimum(1.0, HUBER / np.maximum(off, HUBER)) / variance
         self._fit_law(choose=choose)
         self._predict()
         slopes = np.column_stack([self.pressed, -self.d * self._by_distance, np.ones(len(self._p))])
@@ -325,31 +348,39 @@ class _Fit:
             if score < best:
                 best, self._weight, law, self._covariance = score, weight, found, inverse
         self.table = law[:-1]
-        self.exponent = float(np.clip(self.exponent + law[-1], 0.2, 2.0))
+        self.exponent = float(np.clip(self.exponent + np.clip(law[-1], -0.2, 0.2), 0.2, 2.0))
         self._by_law = np.einsum("ri,ij,rj->r", rows, self._covariance, rows)
 
     def find_variances(self, left: Floats) -> None:
         """Split residuals (Pa) into noise, which does not depend on force and distance, and the misfit.
 
-        Each reading counts by the part of it that no unknown has taken up, a tenth at least.
+        What the unknowns have taken up of them is added.
         """
         kept, amplitude, tactel = self.kept, self.amplitude, self.tactels.owner
         taken_up = self._by_law + self.tactels.taken_up + self.presses.taken_up
-        freedom = kept * np.maximum(1.0 - taken_up, 0.1)
-        square = kept * np.minimum(left**2, OFF**2 * self.variance)
-        # the readings farther from presses than most show the noise; where all of them read the same step,
-        # the residuals are none, and readings still uncertain
-        quiet = self.d >= np.median(self.d[kept])
-        self.noise = np.sqrt(np.maximum(square[quiet].sum() / freedom[quiet].sum(), self._floor**2))
-        excess, grown = square - freedom * self.noise[tactel] ** 2, freedom * amplitude**2
         at = np.minimum(self.d / REACH * BINS, BINS - 1.0).astype(np.intp)
-        usable = np.bincount(at, kept, BINS) >= MIN_READINGS
+        sd = np.sqrt(self.variance + self._unmatched**2)
+        square = np.minimum(left**2, (CLIP * sd) ** 2) / (1.0 - np.minimum(taken_up, MOST_LEVERAGE))
+
+        def by_bin(x: Floats) -> Floats:
+            return np.bincount(at, kept * x, BINS).astype(np.float64)
+
+        # the readings farthest from presses show the noise
+        quiet = kept & (self.d >= np.quantile(self.d[kept], FAR))
+        # where all that is quiet reads the same step, the residuals are none, and readings still uncertain
+        self.noise = np.sqrt(np.maximum(square[quiet].mean(), self._floor**2))
+        excess = square - self.noise[tactel] ** 2
+        # moments weighted by amplitude^2 / variance^2: strong presses determine most of what grows with force
+        weight = (amplitude / self.variance) ** 2
+        scale = by_bin(weight * amplitude**2)
+        usable = (by_bin(np.ones(len(at))) >= MIN_READINGS) & (scale > 0.0)
         if usable.any():
-            found, by = (np.bincount(at, x, BINS)[usable] for x in (excess, grown))
-            found = np.sqrt(np.maximum(found / by, 0.0))
+            found = np.sqrt(np.maximum(by_bin(weight * excess)[usable] / scale[usable], 0.0))
             self._misfit_profile = np.interp(np.arange(BINS), np.flatnonzero(usable), found)
         self.variance = self.noise[tactel] ** 2 + (amplitude * self._misfit_at(self.d)) ** 2
-        self.misfit = math.sqrt(max(float(excess.sum() / (freedom @ self.pressed**2)), 0.0))
+        pressed = np.abs(self.pressed)
+        loud = kept & (pressed > LOUD * pressed[kept].max())
+        self.misfit = math.sqrt(max(float(np.mean(excess[loud] / pressed[loud] ** 2)), 0.0))
 
     def _misfit_at(self, d: Floats) -> Floats:
         """Return the misfit at distances d (m), per unit of effective force; (...,) Pa."""
@@ -357,9 +388,11 @@ class _Fit:
 
     def find_outliers(self) -> None:
         """Leave out the presses whose residuals deviate far more than those of the others."""
-        z2 = self.residuals**2 / self.variance
+        z2 = self.residuals**2 / (self.variance + self._unmatched**2)
         score = np.sqrt(self.presses.sum @ z2 / np.maximum(self.presses.sum @ np.ones(len(z2)), 1.0))
-        self.outlier = score > OFF * max(np.median(score[self.presses.known]), 1.0)
+        seen = score[self.presses.known]
+        worst = np.quantile(seen, 1.0 - OUTLIER_SHARE)
+        self.outlier = score > max(OUTLIER * np.median(seen), OUTLIER, worst)
 
     def find_maps(self, arm: Arm) -> Floats | None:
         """Return maps (n_tactels, n, n) of what the law leaves, per unit of effective force, if any.
@@ -372,13 +405,14 @@ class _Fit:
             (self.away * np.exp(-1j * yaw))[kept],
             self.tactels.owner[kept],
             (self.residuals / scale)[kept],
-            lambda d: np.hypot(self._misfit_at(d), self.noise.mean()),
+            (scale / self.amplitude)[kept],
             arm.n_tactels,
         )
         if maps is not None:
-            beside = self.residuals
+            beside, least = self.residuals, LEFT_BY_MAP * self._misfit_profile
             beside[kept] = left * scale[kept]
             self.find_variances(beside)
+            self._misfit_profile = np.maximum(self._misfit_profile, least)
         return maps
 
     def law(self, to_newtons: float, *, has_map: bool) -> Radial:
@@ -387,10 +421,12 @@ class _Fit:
             raise ValueError("the readings do not rise towards the presses: are the places right?")
         last = int(np.flatnonzero(np.abs(self.table) > TRIM * self.table[0]).max())
         at = np.linspace(0.0, min(max(STEP * (last + 2), MAP_REACH * has_map), REACH), POINTS)
-        basis = _matrix(at)
+        basis = _matrix(_PROFILES, at)
         unknown = np.einsum("ri,ij,rj->r", basis, self._covariance[:-1, :-1], basis)
         gain, width, _ = self.tactels.variance
-        unknown += gain * (basis @ self.table) ** 2 + width * (at / STEP * (_matrix(at, 1) @ self.table)) ** 2
+        unknown += (
+            gain * (basis @ self.table) ** 2 + width * (at / STEP * (_matrix(_SLOPES, at) @ self.table)) ** 2
+        )
         return Radial(
             float(at[1]),
             (basis @ self.table) * (at < at[-1]) * to_newtons,
@@ -401,13 +437,13 @@ class _Fit:
         )
 
 
-def _matrix(d: Floats, slopes: int = 0) -> Floats:
-    """Return the matrix (n, POINTS - 1) from a table to profile, or slope, at distances.
+def _matrix(of: PPoly, d: Floats) -> Floats:
+    """Return the matrix (n, POINTS - 1) from a table to profile or slope at distances.
 
     Profiles are those of ``Radial.profile``, slopes theirs times the step of the table. The last point of the
     table is 0, as is all beyond it.
     """
-    return np.nan_to_num(_PROFILES(d / STEP, slopes))[:, :-1]
+    return np.nan_to_num(of(d / STEP))[:, :-1]
 
 
 def _unit_profiles() -> CubicHermiteSpline:
@@ -432,4 +468,5 @@ def _roughness() -> Floats:
 
 
 _PROFILES = _unit_profiles()
+_SLOPES = _PROFILES.derivative()
 _ROUGHNESS = _roughness()

@@ -23,10 +23,9 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from skinbus.arrays import Floats
-from skinbus.estimate.calibration.learning import SAID
 from skinbus.estimate.calibration.table import Press
 from skinbus.estimate.estimator import Estimator
-from skinbus.model import Arm, Link, PlacedPatch, Surface
+from skinbus.model import Arm, Link, PlacedPatch, Radial, Surface
 
 Places = npt.NDArray[np.complex128]
 
@@ -38,12 +37,14 @@ KNOWN = 0.3
 """Part of the prior's standard deviation above which presses have not determined a direction."""
 OUTLIER = 4.0
 """Standard deviations of a press from which it is an outlier: 3 of 10 000 good ones."""
+PRIOR_FREEDOM = 10.0
+"""Weight of the place's standard deviation as said, in degrees of freedom, when the presses refine it."""
 WIDE, ROUNDS = 3.0, 4
 """Standard deviations as said with which the search begins, as places may be worse than said; and rounds of
 refining them: they change by less than a hundredth in the last."""
 TURNS = np.radians(15.0) * np.arange(-11, 13)
 """rad, from which a turn is looked for."""
-TURNED = OUTLIER * PRIOR_SD[2]
+TURNED = math.radians(30.0)
 """A yaw this far from that of the arm file is no error of mounting but another way to mount."""
 SECOND = 0.3
 """Part of the force of the strongest contact from which a second one makes a press unusable."""
@@ -156,16 +157,20 @@ def locate(arm: Arm, presses: Sequence[Press], *, place_sd: float = PLACE_SD) ->
         near = near[near < OUTLIER]
         freedom = max(2 * len(near) - 3 * len(boards), 0)
         # the contacts' own part of the residuals is small beside that of the places
-        said = SAID * (place_sd / sigma) ** 2
-        sigma *= math.sqrt((float(near @ near) + said) / (freedom + SAID))
+        said = PRIOR_FREEDOM * (place_sd / sigma) ** 2
+        sigma *= math.sqrt((float(near @ near) + said) / (freedom + PRIOR_FREEDOM))
     return Location([_located(arm.patches[board.patch], arm, board, sigma) for board in boards], sigma)
 
 
 def _seen(arm: Arm, p: int, presses: Sequence[Press]) -> _Seen:
     """Return what a board sees, by a contact of its own law on the board alone."""
     own, placed = np.array([k for k, press in enumerate(presses) if press.patch == p]), arm.patches[p]
-    size = 4.0 * max(placed.patch.size)
-    alone = replace(placed, link=0, s=0.5 * size, a=0.0, bus=0)
+    patch, size = placed.patch, 4.0 * max(placed.patch.size)
+    if isinstance(patch.law, Radial) and patch.law.misfit_profile is None:
+        # one tool makes all the presses: with a size for each, places near the rim scatter more
+        law = replace(patch.law, misfit_profile=patch.law.misfit * np.abs(patch.law.table))
+        patch = replace(patch, law=law)
+    alone = replace(placed, patch=patch, link=0, s=0.5 * size, a=0.0, bus=0)
     board = Arm("board", [Link("board", Surface.plane(size, size))], [alone])
     s, a, _, sd, second = strongest(board, np.array([presses[k].readings for k in own])).T
     usable = np.isfinite(s) & (second <= SECOND)

@@ -54,7 +54,9 @@ def pose_signal(t: Floats, s: Floats, a: Floats, height: Floats | None) -> Float
     """Return (n,) from 0 to 1, large where a tool stands still and near; t in s, places in m."""
     speed = uniform_filter1d(np.hypot(np.gradient(s, t), np.gradient(a, t)), 2 * _window(t), mode="nearest")
     still = 1.0 / (1.0 + (speed / SLOW) ** 2)
-    return still if height is None else still / (1.0 + (np.maximum(height, 0.0) / NEAR) ** 2)
+    if height is None:
+        return still
+    return still / (1.0 + np.exp(np.clip((height - NEAR) / (0.3 * NEAR), -50.0, 50.0)))
 
 
 def find_offset(t: Floats, load: Floats, t_other: Floats, other: Floats) -> ClockOffset:
