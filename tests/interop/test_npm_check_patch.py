@@ -42,4 +42,5 @@ def test_their_device_fails_the_rules_that_it_does_not_keep(bench, tmp_path):
         "guarding",
         "changes",
         "areas of storage",
+        "program control",
     }
