@@ -95,7 +95,7 @@ class Trials:
         whole = self.whole
         whole.wires.run(at_ns)
         whole.press(tactels, 45.0)
-        whole.run(20)
+        whole.run(40)
         found = [
             min(times, default=NEVER) - at_ns for times in (whole.gfc_ns(), whole.stops_ns(), whole.told_ns())
         ]
