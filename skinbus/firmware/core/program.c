@@ -77,8 +77,6 @@ void sb_program_confirm(struct sb_board *b)
 
 uint32_t sb_program_command(struct sb_board *b, uint8_t command)
 {
-    if (!SB_PROGRAM_BYTES)
-        return ABORT_LOCAL_CONTROL;
     if (command != SB_ON_TRIAL && (command > CLEAR || command == RESET))
         return ABORT_VALUE;
     if (b->state != SB_PRE_OPERATIONAL || (b->program_status == SB_ON_TRIAL && command != SB_ON_TRIAL))
@@ -87,6 +85,8 @@ uint32_t sb_program_command(struct sb_board *b, uint8_t command)
         sb_program_confirm(b);
         return 0;
     }
+    if (!SB_PROGRAM_BYTES && command == CLEAR)
+        return ABORT_LOCAL_CONTROL;
     if (command == CLEAR && !put(b, !b->program_slot, 0, MAGIC, b->program_sequence + 1))
         return ABORT_HARDWARE;
     if (command == CLEAR)
