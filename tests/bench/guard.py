@@ -43,7 +43,7 @@ def main(folder):
                 axes.ecdf(ms[:, 0], label=label, color=COLOURS[kind], ls="-" if label else "--")
         axes.axvline(bound, color="k", label="bound")
         axes.set(xlabel=f"{name}: ms to GFC", xlim=(0.0, 1.8), ylabel="share of presses")
-    panels[0][0].legend(fontsize=7, loc="center right", bbox_to_anchor=(0.98, 0.25))
+    panels[0][0].legend(fontsize=6, loc="lower right", bbox_to_anchor=(0.62, 0.0))
     save(figure, FIGURE)
 
 
