@@ -422,6 +422,6 @@ def flash(arm: str, image: Path, only: tuple[int, ...], parallel: bool, where: W
                 faults |= core.results
     console.print(f"{image}: version {head[-1]}, checksum 0x{head[0]:08X}")
     for node_id in node_ids:
-        program = f"runs 0x{runs[node_id]:08X}" if node_id in runs else "is not there"
+        program = f"runs 0x{runs[node_id]:08X}" if node_id in runs else "is as it was"
         console.print(f"node {node_id} {program}  {faults.get(node_id, '')}".rstrip())
     sys.exit(0 if {*map(runs.get, node_ids)} == {head[0]} and not any(faults.values()) else 1)
