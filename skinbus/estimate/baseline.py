@@ -56,9 +56,8 @@ from skinbus.model.validation import check_arm, check_fresh, check_time
 
 Touches = npt.NDArray[np.int8]
 
-REACH = 35e-3
-"""Distance within which a press is felt, m: under a layer of 6 mm, 4 % of its force lie beyond 20 mm, and
-outer tactels of usual boards side by side are 21 mm apart. Boards with tactels so close adjoin."""
+ADJOINING = 10e-3
+"""Patches whose corners may be this close adjoin, m: the reach of a contact's skirt."""
 SETTLE_S = 1.0
 """Time in which a skin settles, s: after so long a press has left in the cover what creeps at once, and so
 long after a release zeros are followed again. A longer gap between readings counts as this."""
@@ -130,8 +129,7 @@ class Baseline:
         self._last_ns: int | None = None
         n, p = arm.n_tactels, arm.n_patches
         self._patch, self._first = arm.tactel_patch, arm.patch_start[:-1]
-        near = np.logical_or.reduceat(distances(arm) <= REACH, self._first)
-        self._near, self._healthy = np.logical_or.reduceat(near, self._first, axis=1), arm.tactel_healthy
+        self._near, self._healthy = _near(arm), arm.tactel_healthy
         # beyond any count: what is read further from 0 counts as this
         self._touch, self._most = arm.tactel_threshold, 1.001 * np.abs(limit_of(arm))
         self._ratio = np.clip(arm.tactel_release / np.maximum(self._touch, 1e-9), 0.0, 1.0)
@@ -373,11 +371,13 @@ def _cycles(dt: float) -> float:
     return max(CALM_CYCLES, CALM_S / max(dt, 1e-9) - 0.5)
 
 
-def distances(arm: Arm) -> Floats:
-    """Return how far tactels are from each other, (n_tactels, n_tactels) m, infinite on other links."""
-    away = np.full((arm.n_tactels, arm.n_tactels), np.inf)
+def _near(arm: Arm) -> Bools:
+    """Return which patches are one, or have corners that may come close, (n_patches, n_patches)."""
+    half = np.array([0.5 * math.hypot(*placed.patch.size) for placed in arm.patches])
+    near = np.zeros((arm.n_patches, arm.n_patches), np.bool_)
     for k, link in enumerate(arm.links):
-        (i,) = np.nonzero(arm.tactel_link == k)
-        s, a = arm.tactel_s[i], arm.tactel_a[i]
-        away[np.ix_(i, i)] = link.surface.distance(s[:, None], a[:, None], s, a)
-    return away
+        p = np.flatnonzero(arm.patch_link == k)
+        s, a = arm.patch_s[p], arm.patch_a[p]
+        d = link.surface.distance(s[:, None], a[:, None], s, a)
+        near[np.ix_(p, p)] = d <= half[p, None] + half[p] + ADJOINING
+    return near
