@@ -11,6 +11,9 @@ from __future__ import annotations
 import struct
 import zlib
 
+MAX_BYTES = 16_000_000
+"""More than the flash of a microcontroller has."""
+
 
 def read_image(image: bytes) -> tuple[int, ...]:
     """Return checksum, vendor-ID, product code and version; nothing if it is no image, or not whole."""

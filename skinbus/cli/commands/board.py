@@ -22,6 +22,7 @@ from skinbus.cli.press_csv import read_columns
 from skinbus.cli.progress import progress
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import ConfigError, EdsError
+from skinbus.file_bytes import read_bytes
 from skinbus.firmware import write_project, write_relay
 from skinbus.formatting import counted
 from skinbus.gateway.positions import lay_flat
@@ -45,7 +46,7 @@ from skinbus.objects.eds_lint import lint
 from skinbus.objects.guard import liveness_pdo
 from skinbus.objects.new_board import NewBoard, module_dcf
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
-from skinbus.objects.program_image import read_image
+from skinbus.objects.program_image import MAX_BYTES, read_image
 
 STYLES = {Grade.PASS: "", Grade.FAIL: "bold red", Grade.SKIPPED: "dim"}
 
@@ -402,7 +403,7 @@ def flash(arm: str, image: Path, only: tuple[int, ...], parallel: bool, where: W
       skinbus board flash my-arm.toml image.bin -c can0 --node 5
     """
     loaded, place = where.of(load_arm(arm))
-    data = image.read_bytes()
+    data = read_bytes(image, MAX_BYTES)
     if not (head := read_image(data)):
         raise ConfigError.of(image, "image", None, "what the build of a board makes (docs/firmware.md)")
     node_ids = only or tuple(loaded.node_id.tolist())

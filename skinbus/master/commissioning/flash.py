@@ -42,7 +42,7 @@ class Flasher(NodesCore[str]):
         advance: Callable[[int], object] = lambda n: None,
     ) -> None:
         super().__init__(node_ids, timeouts, listens_ns=LISTEN_NS)
-        self._image = image
+        self._image, self._head = image, read_image(image)
         self._asks_only = asks_only
         self._advance = advance
         self.runs: dict[int, int] = {}
@@ -59,7 +59,7 @@ class Flasher(NodesCore[str]):
         return ""
 
     def _flash(self, node_id: int) -> Script[None]:
-        crc, vendor, product, _ = read_image(self._image)
+        crc, vendor, product, _ = self._head
         for sub, wanted in ((cia.IDENTITY_VENDOR, vendor), (cia.IDENTITY_PRODUCT, product)):
             seen = yield from _ask(cia.IDENTITY, sub=sub)
             _need(seen == wanted, f"0x1018:{sub:02X} is 0x{seen:X}; the image is for 0x{wanted:X}")
