@@ -144,7 +144,7 @@ UNSEEN = {
     "a contact is spread over several patches, without `--contacts`": lambda w: spread(w, is_shared=False),
     "a tactel is dead or frozen, and nobody has noticed": dead,
     "a touch on a patch without limits": lambda w: w.press([40], 40.0),
-    "somebody writes other limits, and the master does not hear it": write_unheard,
+    "somebody writes other limits, and the master does not receive it": write_unheard,
     "the master hangs and still sends heartbeats, while zeros drift": master_hangs,
     "the guard process is killed (SIGKILL)": kill,
 }
