@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.arrays import Floats, Ints
-from skinbus.estimate.kernels import constants as k
 from skinbus.estimate.kernels.workspace import Work
 
 LEVELS: Final = ("kmeans", "fit", "full")
@@ -24,15 +23,15 @@ class Quality(enum.IntFlag):
     """Reasons why a contact may be less accurate than its covariance; 0 for none."""
 
     GOOD = 0
-    FEW_TACTELS = k.FEW_TACTELS
+    FEW_TACTELS = 1
     """The place is uncertain by more than a quarter of the pitch: too few tactels feel the contact."""
-    SATURATED = k.FULL_SCALE
+    SATURATED = 2
     """A tactel at full scale took part: the force may be larger."""
-    NOT_CONVERGED = k.NOT_CONVERGED
+    NOT_CONVERGED = 4
     """The fit did not end at a minimum."""
-    MISFIT = k.BAD_FIT
+    MISFIT = 8
     """The law does not explain the readings within their noise."""
-    OVER_BUDGET = k.OVER_BUDGET
+    OVER_BUDGET = 16
     """Time ran out: this is the answer of a cheaper level, or one that was not finished."""
     IMPAIRED = 32
     """A tactel that might feel it is not plausible, and counts as missing."""

@@ -36,7 +36,7 @@ from scipy.spatial import cKDTree
 from skinbus.arrays import Bools, Floats
 from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.contacts import Contacts, Quality
-from skinbus.estimate.kernels.layout import limit_of, step_of
+from skinbus.estimate.kernels.layout import SEAM, limit_of, step_of
 from skinbus.model import Arm
 from skinbus.model.validation import check_arm, check_fresh
 
@@ -45,8 +45,6 @@ Ints = npt.NDArray[np.intp]
 REACH = 35e-3
 """Distance within which a press is felt and tactels are summed, m. Under a layer of 6 mm, 4 % of its force
 lie beyond 20 mm, and outer tactels of usual boards side by side are 21 mm apart."""
-SEAM_MOST = 5e-3
-"""Boards that are this close share the seam between them, m."""
 FINENESS = 20
 """Points per pitch along each axis by which cells are measured."""
 USUAL_N = 5.0
@@ -236,8 +234,8 @@ def _sums(group: npt.NDArray[Any], value: npt.NDArray[Any], n: int) -> Floats:
 def _cells(arm: Arm, p: int) -> tuple[Floats, Floats]:
     """Return the area that is nearest to each tactel of a board, m^2, and how far it reaches, m."""
     placed, sizes = arm.patches[p], np.array([placed.patch.size for placed in arm.patches])
-    patch, step, reach = placed.patch, placed.patch.pitch / FINENESS, np.hypot(*sizes.T).max() + SEAM_MOST
-    sides = np.ceil((sizes[p] + SEAM_MOST) / (2.0 * step))
+    patch, step, reach = placed.patch, placed.patch.pitch / FINENESS, np.hypot(*sizes.T).max() + SEAM
+    sides = np.ceil((sizes[p] + SEAM) / (2.0 * step))
     uv = np.stack(np.meshgrid(*(step * (np.arange(-n, n) + 0.5) for n in sides)), -1).reshape(-1, 2)
     s, a = arm.on_link(p, uv)
     away = arm.links[placed.link].surface.distance(placed.s, placed.a, arm.patch_s, arm.patch_a)
@@ -250,7 +248,7 @@ def _cells(arm: Arm, p: int) -> tuple[Floats, Floats]:
     own = off.pop(p)
     other = np.min([np.full(len(uv), np.inf), *off.values()], axis=0)
     # of a seam a board has the nearer half, to the fraction of a step
-    seam = np.clip(0.5 + 0.5 * (other - own) / step, 0.0, 1.0) * (own + other <= SEAM_MOST)
+    seam = np.clip(0.5 + 0.5 * (other - own) / step, 0.0, 1.0) * (own + other <= SEAM)
     d, nearest = cKDTree(patch.tactels_uv).query(uv)
     weight, far = step * step * np.where(own == 0.0, 1.0, seam), np.zeros(patch.n_tactels)
     np.maximum.at(far, nearest, np.where(weight > 0.0, d, 0.0))

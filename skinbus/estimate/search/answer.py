@@ -16,8 +16,8 @@ import math
 
 from skinbus.arrays import Floats
 from skinbus.estimate.budget import is_over
+from skinbus.estimate.contacts import Quality
 from skinbus.estimate.kernels.board_places import keep_on_board
-from skinbus.estimate.kernels.constants import BAD_FIT, FEW_TACTELS, FULL_SCALE, NOT_CONVERGED, OVER_BUDGET
 from skinbus.estimate.kernels.disc_shapes import TIP
 from skinbus.estimate.kernels.geometry import surface_of, wrap
 from skinbus.estimate.kernels.law import amplitude, log_force_at
@@ -123,20 +123,20 @@ def flag_contact(
     moment, few, law = w.covariance[to], FEW * q.pitch[0], lay.law[q.listed[0]]
     half, diff = 0.5 * (moment[0, 0] + moment[1, 1]), 0.5 * (moment[0, 0] - moment[1, 1])
     if n_felt < LEAST or half + math.sqrt(diff * diff + moment[1, 0] * moment[1, 0]) > few * few:
-        flags |= FEW_TACTELS
+        flags |= Quality.FEW_TACTELS.value
         # a deviation further away, the same reading takes a larger force than a linear covariance says
         peak = amplitude(lay.law_par, law, w.place[to, 2])[0] * lay.law_par[law, PEAK]
         away = math.sqrt(max(moment[0, 0], moment[1, 1]))
         far = math.exp(log_force_at(lay.law_par, lay.law_table, law, peak, away))
         moment[2, 2] += (far - math.exp(w.place[to, 2])) ** 2
     if is_full:
-        flags |= FULL_SCALE
+        flags |= Quality.SATURATED.value
     if misfit(q, best) > 1.0 or q.tailed[0]:
-        flags |= BAD_FIT
+        flags |= Quality.MISFIT.value
     if q.h_status[best] != CONVERGED:
-        flags |= NOT_CONVERGED
+        flags |= Quality.NOT_CONVERGED.value
     if is_cut:
-        flags |= OVER_BUDGET
+        flags |= Quality.OVER_BUDGET.value
     w.quality[to], w.status[to], w.n_tactels[to] = flags, q.h_status[best], n_felt
     w.patch[to], w.link[to] = lay.patch[home], link
     w.residual[to] = math.sqrt(q.h_chi2[best, 0] / max(q.h_chi2[best, 1], 1.0))

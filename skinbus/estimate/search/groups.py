@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import DONE, MOST, is_over
-from skinbus.estimate.kernels.constants import OVER_BUDGET
+from skinbus.estimate.contacts import Quality
 from skinbus.estimate.kernels.geometry import are_within, surface_of
 from skinbus.estimate.kernels.law import amplitude, core, reach
 from skinbus.estimate.kernels.layout import PEAK, Layout
@@ -68,7 +68,7 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
                 w.work[MOST] = most
     for c in range(w.n_contacts[0]):
         if w.alive[c] and w.level[c] == 0:  # no time was left for its group
-            w.quality[c] |= OVER_BUDGET
+            w.quality[c] |= Quality.OVER_BUDGET.value
             # a pitch and all of its force are not certain
             w.covariance[c] = 0.0
             w.covariance[c, 0, 0] = w.covariance[c, 1, 1] = q.pitch[0] ** 2
