@@ -177,6 +177,9 @@ class FirmwareDevice(Core):
             return self.age
         return self.readings[sub - 1 : sub - 1 + n]
 
+    def view_of(self, name, n):
+        return self.age
+
     def get(self, index, sub=0):
         return self.library.sb_get(self._at, index, sub)
 
