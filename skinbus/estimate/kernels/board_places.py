@@ -1,4 +1,4 @@
-"""Places on boards: the nearest one that is on a board."""
+"""Places off the boards are brought to the nearest board."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from skinbus.estimate.kernels.layout import Layout
 from skinbus.jit import inner_kernel
 
 INSIDE = 1.0 - 1e-9
-"""Part of a board's half extent that is on it whatever rounding does."""
+"""Share of a board's half extent: a place brought to the edge stays inside after rounding."""
 
 
 @inner_kernel

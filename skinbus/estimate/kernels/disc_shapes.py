@@ -4,15 +4,16 @@ Under a disc of diameter D instead of a fingertip, an elastic layer carries, per
 
     k_u(d) = k(d) + u g_1(d) + u^2 g_2(d) + u^3 g_3(d) + u^4 g_4(d),   u = log((1 + (D / D_0)^2) / 2)
 
-with D_0 = 12.25 mm, the middle of fingertips. The modes are least squares over discs of 1 to 26 mm on a layer
-of 6 mm; discs of 2 to 25 mm are met to 1 % of their peak. Modes are tables in the law's own half width and
-peak, for two sizes of tactels; between them, by the square of the radius, discs are met to 4 % for tactels of
-4 to 10 mm. A thinner or thicker layer changes what D a u stands for, and shapes by 2 to 13 % at 25 mm.
+with D_0 = 12.25 mm, the middle of fingertips. The modes were fitted by least squares to discs of 1 to 26 mm
+on a layer of 6 mm, and meet discs of 2 to 25 mm within 1 % of their peak. They are tables over distance in
+half widths of the law, in units of its peak, for two radii of tactels. Between these they are interpolated by
+the square of the radius: errors are up to 4 % for tactels of 4 to 10 mm. On a thinner or thicker layer a u
+stands for another D, and shapes differ by 2 to 13 % at 25 mm.
 
-A law learned from presses is that of one u, and of one thickness of the layer, by which all lengths scale:
-those whose field is nearest to its table. Other sizes change it by the same modes about that u.
+A law learned from presses has a u of its own and a thickness of the layer, by which all lengths scale: those
+whose field is nearest to its table. Other sizes change it by the same modes about this u.
 
-The tables are in ``disc_shapes.csv``; they were made from the layer of the simulator.
+The tables are in ``disc_shapes.csv``, made from the layer of the simulator.
 """
 
 from __future__ import annotations
@@ -28,8 +29,9 @@ from scipy.interpolate import CubicSpline
 from skinbus.arrays import Floats
 
 MODES = 4
+"""Powers of u."""
 SPACING = 0.25
-"""Half widths (distances at which the law has half its peak), of the tables."""
+"""Step of the tables, in half widths: distances at which the law has half its peak."""
 RADII = (2.5e-3, 4.765e-3)
 """m, of the two sizes of tactels."""
 HALVES = (5.8316e-3, 6.1055e-3)
@@ -37,19 +39,20 @@ HALVES = (5.8316e-3, 6.1055e-3)
 SMALL, USUAL = ((radius / half) ** 2 for radius, half in zip(RADII, HALVES, strict=True))
 """Squares of the tactel's radius in half widths."""
 OWN_SIZES = (-0.69, 1.05)
-"""u of a law that was learned: discs of 1 to 27 mm, which the modes are made from."""
+"""Bounds of u, discs of 1 to 27 mm: the modes hold within."""
 LAYERS = 0.1
-"""Standard deviation of the logarithm of a cover's thickness over the usual one: with a wider prior the noise
-of a learned law is taken for another cover, and its sizes are wrong."""
+"""Prior standard deviation of the log of a cover's thickness over the usual one. With a wider one, noise of a
+learned law is taken for another thickness, and sizes are wrong."""
 LIKE = 0.0035
-"""Expected difference, as a part of the peak, between a learned table and the field of its true size: 0.01 by
-root mean square, at eight distances of their own."""
+"""Standard deviation of the mean difference between a learned table and the field of its true size, as a
+share of the peak: 0.01 (root mean square) over the root of eight independent distances."""
 
 AS_MADE, FINGER, TIP, THUMB, KINDS = range(5)
 """Kinds of size, the simplest first, and their number."""
 MEANS = (0.0, 0.0, -0.5, 0.62)
 SPREADS = (0.02, 0.17, 0.13, 0.3)
-"""Mean and standard deviation of u: the size of the calibration, discs of 10-15, 2-8, 16-25 mm."""
+"""Prior mean and standard deviation of u by kind: as calibrated (the mean is that of the law), discs of
+10-15, 2-8 and 16-25 mm."""
 LEARNED_SHARES, SHIPPED_SHARES = (0.5, 0.1, 0.2, 0.2), (0.0, 0.6, 0.2, 0.2)
 """Prior shares: what calibrated a skin is what presses it most often; else fingertips are."""
 

@@ -5,17 +5,20 @@
     p(d) = A g(d) + h(d)          cone:   A = H,  g = 1,     h = -S d,  within d < H / S
                                   radial: A = f,  g = k(d),  h = 0
 
-with the effective force f = F^e of ``model.law``. Both amplitudes are a power of the force, A = C F^r. For
-the cone H = (3 f / pi)^(1/3) S^(2/3), so C = (3 / pi)^(1/3) S^(2/3) and r = e / 3; for a radial law C = 1, r
-= e.
+with the effective force f = F^e of ``model.law``. Amplitudes are a power of the force, A = C F^r: for the
+cone H = (3 f / pi)^(1/3) S^(2/3), so C = (3 / pi)^(1/3) S^(2/3) and r = e / 3; for a radial law C = 1, r = e.
 
-``laws`` has a row per law, with the columns of ``layout``; ``tables`` (n_laws, points, 24) has for the step
-from a point to the next four coefficients of k in 1/m^2, of four modes by size (``disc_shapes``), and of the
-misfit profile: value, rise and the slopes at both ends, of which k and the modes are cubics. A size u adds to
-k: k(d; u) = k(d) + sum_n (u - u_law)^n mode_n(d). A new law is a row, and a branch of :func:`pressure`.
+A radial law may depend on the size u of the contact: k(d; u) = k(d) + sum_n (u - u_law)^n mode_n(d), with
+four modes (``disc_shapes``).
 
-A board with a response also has a width of each tactel, which stretches distances, and a map of residuals,
-which adds to k by place. The chart of a mesh stretches distances by place (``model.bend``).
+``laws`` has a row for each law, with the columns of ``layout``. ``tables`` (n_laws, points, 24) has six rows
+of each law, k, four modes and the misfit profile (1/m^2), with four numbers for each step: value, rise to the
+next point, and slopes at both ends. k and modes are cubics of these, the misfit profile is linear.
+
+A new law is a row of ``laws`` and a branch of :func:`pressure`.
+
+Beside the law, tactels may have a width, which stretches distances, and a map of residuals, which adds to k
+by place. The chart of a mesh stretches distances, too (``model.bend``).
 """
 
 from __future__ import annotations
@@ -31,7 +34,7 @@ from skinbus.estimate.kernels.layout import (
     CORE_PER,
     KIND,
     LAST,
-    LEFT,
+    MISFIT_ROW,
     OWN_SIZE,
     PEAK,
     PER_STEP,
@@ -64,7 +67,7 @@ def log_force_of(laws: Floats, law: int, amplitude: float) -> float:
 def log_force_at(laws: Floats, tables: Floats, law: int, p: float, d: float) -> float:
     """Return log F (F in N) of the contact that presses p Pa at distance d: the inverse of :func:`pressure`.
 
-    Where the law is below a twentieth of its peak, a twentieth is used.
+    Where g is below ``CORE_PART`` of its peak, that is used: beyond, the force is not determined.
     """
     unit, _, g, _ = pressure(laws, tables, law, 1.0, d, laws[law, OWN_SIZE])
     return log_force_of(laws, law, max(p + g - unit, 1e-9) / max(g, CORE_PART * laws[law, PEAK]))
@@ -78,7 +81,7 @@ def reach(laws: Floats, law: int, amplitude: float) -> float:
 
 @inner_kernel
 def core(laws: Floats, law: int, amplitude: float) -> float:
-    """Return the distance within which a contact is coupled to others, m: beyond lies a weak skirt."""
+    """Return the distance within which a contact is coupled to others, m: see ``CORE_PART``."""
     return float(laws[law, CORE] + amplitude * laws[law, CORE_PER])
 
 
@@ -113,10 +116,10 @@ def pressure(
 def misfit_at(laws: Floats, tables: Floats, law: int, d: float) -> float:
     """Return the standard deviation of what a law with a misfit profile leaves at distance d, 1/m^2."""
     x, last = d * laws[law, PER_STEP], laws[law, LAST] + 0.5
-    if not x < last:  # the law ends, not what it does not explain
-        return float(tables[law, int(last), 4 * LEFT])
+    if not x < last:  # beyond its table a law is 0, its misfit is not
+        return float(tables[law, int(last), 4 * MISFIT_ROW])
     i = int(x)
-    return float(tables[law, i, 4 * LEFT] + (x - i) * tables[law, i, 4 * LEFT + 1])
+    return float(tables[law, i, 4 * MISFIT_ROW] + (x - i) * tables[law, i, 4 * MISFIT_ROW + 1])
 
 
 @inner_kernel

@@ -36,35 +36,38 @@ from skinbus.model import Arm, Cone, Patch
 from skinbus.model.bend import POWERS
 
 SIGHT = math.radians(105.0)
-"""More than 90 degrees, so that a grid's diagonals count; less than 120, so that no more do."""
+"""Angle under which a third tactel sees two that are no neighbours: more than 90 degrees, so that diagonals
+of a grid count; less than 120, so that no more do."""
 SEAM = 5e-3
 """Patches further apart than this (m) are not side by side; seams of 0-2 mm are usual."""
 CONE, RADIAL = 0.0, 1.0
 """Kinds of law."""
 KIND, SLOPE, SCALE, POWER, REACH, REACH_PER, CORE, CORE_PER, PEAK = range(9)
-"""Columns of ``law_par``: kind; slope of a cone, Pa/m; A = scale F^power; reach and core, a constant (m) and
-a part per amplitude; peak per amplitude."""
+"""Columns of ``law_par`` for a kernel of the law: its kind; slope of a cone, Pa/m; A = SCALE F^POWER; reach =
+REACH + REACH_PER A and core = CORE + CORE_PER A, m; pressure at distance 0, per A."""
 MISFIT, ROOT_MISFIT, TAILED, LOG_FORCE, FORCE_SD, SHAPED, OWN_SIZE, PER_STEP, LAST, SHARES = range(9, 19)
-"""What the law leaves, as a part of a reading, and its square as a part of reading times amplitude; whether
-that has tails; prior mean and standard deviation of log force; whether the law has modes by size; the size it
-was measured with; 1 / step of its table; middle of the last step; from here on the prior shares of the kinds
-of size."""
-LEFT = MODES + 1
-"""Row of a table of a law that has what the law leaves; the first is k, those between are modes by size."""
+"""More columns: misfit as a share of a reading; its variance as a share of reading times amplitude; whether
+it has tails; prior mean and standard deviation of log F; whether the law has modes by size; the u it was
+measured with; 1 / step of its table; middle of the last step; from SHARES on, the prior share of each kind of
+size."""
+MISFIT_ROW = MODES + 1
+"""Row of the misfit profile in ``law_table``; row 0 is k, those between are modes by size."""
 GAINS = 0.37
-"""Part of the misfit of a shipped law that gains cause: sizes cause the rest, and they are unknowns."""
+"""Share of the misfit of a shipped law that gains cause. The rest is of sizes, which the search fits."""
 SHIPPED_MODES = 0.006
-"""Of the peak: error of the modes by size of a shipped law."""
+"""Misfit that remains under a shipped law with sizes, as a share of its peak."""
 LEARNED_MODES = 0.003
-"""The same of a learned law, of the root of peak times reading."""
+"""The same under a learned law, as a share of the root of peak times reading."""
 SHIPPED_SD, LEARNED_SD, FLAT_SD = 1.5, 1.0, 6.0
-"""Standard deviation of log force: usual boards are pressed with 1 to 18 N, a calibrated one with forces like
-those of its calibration. Under a law that is held for true the readings say the force."""
+"""Prior standard deviation of log F: of shipped laws, for usual boards are pressed with 1 to 18 N; of learned
+laws, for forces are like those of the calibration; of laws without misfit, whose readings alone
+determine the force."""
 CORE_PART = 0.05
-"""Part of its peak below which a radial law is a skirt. Contacts that share only skirts share some
-thousandths of their information: each is solved with the others held, and two sweeps settle all."""
+"""The core of a radial law ends where it falls to this share of its peak; beyond lies the skirt. Contacts
+that overlap by skirts alone share some thousandths of their information, so they are solved one after the
+other."""
 USUAL_BOARD = 50e-3
-"""m: what the lengths among the constants are made for."""
+"""m: the board for which the lengths among the constants are chosen."""
 
 
 class Layout(NamedTuple):
@@ -91,7 +94,7 @@ class Layout(NamedTuple):
     patch_s: Floats
     patch_a: Floats
     patch_reach: Floats  # (1,) furthest of any tactel from the centre of its patch, m
-    board: Floats  # (n_patches, 4) cos and sin of yaw, half extents with half a seam, m
+    board: Floats  # (n_patches, 4) cos and sin of yaw, half extents with a seam, m
     link: Floats  # (n_links, 4) radius, taper, period, length
     law_par: Floats  # (n_laws, SHARES + KINDS)
     law_table: Floats  # (n_laws, points, 24) 1/m^2, see ``kernels.law``
@@ -191,7 +194,7 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
     first = [patches[keys.index(key)] for key in order]
     points = max(2, *(len(getattr(p.law, "table", ())) for p in first))
     par = np.zeros((len(first), SHARES + KINDS))
-    table, slopes = np.zeros((2, len(first), LEFT + 1, points))
+    table, slopes = np.zeros((2, len(first), MISFIT_ROW + 1, points))
     for i, patch in enumerate(first):
         law = patch.law
         row = {POWER: law.exponent, MISFIT: law.misfit, LOG_FORCE: _log_typical(patch), FORCE_SD: FLAT_SD}
@@ -207,16 +210,16 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
             row |= {REACH: step * max(n - 1.0, 0.5), CORE: step * min(within, n - 1)}
             table[i, 0, :n] = values
             if law.misfit_profile is not None:
-                table[i, LEFT, :n] = law.misfit_profile
-                table[i, 1:LEFT, :n], own_size = learned_shapes(law.step, values, 0.5 * patch.diameter)
+                table[i, MISFIT_ROW, :n] = law.misfit_profile
+                table[i, 1:MISFIT_ROW, :n], own_size = learned_shapes(law.step, values, 0.5 * patch.diameter)
                 row |= {MISFIT: 0.0, ROOT_MISFIT: LEARNED_MODES**2 * values[0], TAILED: 1.0}
-                # a factor 1 / F of the prior makes the mean less by the variance
+                # log F ~ N(f, sd^2) times 1 / F is N(f - sd^2, sd^2)
                 row |= {LOG_FORCE: row[LOG_FORCE] - LEARNED_SD**2, FORCE_SD: LEARNED_SD}
                 row |= {SHAPED: 1.0, OWN_SIZE: own_size}
                 par[i, SHARES:] = LEARNED_SHARES
             elif law.misfit > 0.0:  # measured neither on its board nor with what presses it, and says so
-                table[i, LEFT, :n] = SHIPPED_MODES * values[0]
-                table[i, 1:LEFT, :n] = disc_shapes(law.step, values, 0.5 * patch.diameter)
+                table[i, MISFIT_ROW, :n] = SHIPPED_MODES * values[0]
+                table[i, 1:MISFIT_ROW, :n] = disc_shapes(law.step, values, 0.5 * patch.diameter)
                 row |= {MISFIT: GAINS * law.misfit, FORCE_SD: SHIPPED_SD, SHAPED: 1.0}
                 par[i, SHARES:] = SHIPPED_SHARES
             table[i, :, n:] = table[i, :, n - 1 : n]

@@ -14,9 +14,9 @@ from skinbus.estimate.kernels.layout import Layout
 PATCH_CLUSTERS = 16
 """Most clusters of one patch; 64 tactels cannot show more maxima apart."""
 SPARE = 16
-"""Contacts that may be found beyond the clusters of an arm."""
+"""Contacts that the search may add beyond the clusters of an arm."""
 GROUP = 10
-"""Most contacts solved at once."""
+"""Most contacts of a group."""
 KEPT = 24
 """Hypotheses kept of a group: those that explain the readings are rarely more than ten."""
 
@@ -41,8 +41,8 @@ class Work(NamedTuple):
     held: Bools  # (n,) touched in the cycle before, too
     touched: Bools  # (n_patches,)
     pressed: Bools  # (n_patches,) for certain, whatever their offsets
-    offset: Floats  # (n_patches,) Pa, the median of a touched patch
-    offset_variance: Floats  # (n_patches,) Pa^2 of what is not known of a zero if it has moved
+    offset: Floats  # (n_patches,) Pa, the median of a touched patch, 0 of others
+    offset_variance: Floats  # (n_patches,) Pa^2, prior of an offset that the search may fit; 0 for none
     label: Ints  # (n,) cluster of the tactel, -1 for none
     parent: Ints  # (n,) union-find over tactels, -1 for not met yet
     order: Ints  # (n,) scratch list of tactels
@@ -70,7 +70,7 @@ class Work(NamedTuple):
     status: Ints
     residual: Floats
     covariance: Floats  # (c, 3, 3) of s, a, force
-    amplitude: Floats  # (c,) of the law
+    amplitude: Floats  # (c,) A of its law
     alive: Bools  # (c,) False for contacts taken back
     group: Ints  # (c,) first contact of its group
     again: Bools  # (c,) whether the group of this first contact is to be solved
@@ -80,19 +80,19 @@ class Search(NamedTuple):
     """Buffers of the search of one group; n = n_tactels, g = GROUP contacts, m = 4 g unknowns, h = KEPT."""
 
     pitch: Floats  # (1,) m, median distance of nearest tactels
-    dof: Ints  # (1,) unknowns of a contact: s, a, log force and, where the law has sizes, size
+    dof: Ints  # (1,) unknowns of a contact: 4 (s, a, log force, size), 3 where the law has no sizes
     n_listed: Ints  # (1,)
     listed: Ints  # (n,) tactels that the group may reach
-    back: Floats  # (n,) Pa along listed: pressure of contacts outside the group
+    outside: Floats  # (n,) Pa along listed: pressure of contacts outside the group
     variance: Floats  # (n,) Pa^2 along listed
-    tail: Floats  # (n,) degrees of freedom of the errors along listed, 0 where they are Gaussian
+    tail: Floats  # (n,) along listed: degrees of freedom of Student's t, 0 for Gaussian errors
     jacobian: Floats  # (n, m) along listed
-    felt_by: Ints  # (n, g) contacts that reach the tactel
+    felt_by: Ints  # (n, g) contacts that reach the tactel, in rising order
     n_felt_by: Ints  # (n,)
     weight: Floats  # (n,) 1 / Pa^2; 0 where a reading is one-sided and satisfied
-    tailed: Ints  # (1,) whether errors have tails under any law
-    pull: Floats  # (n,) Pa, residual less the offset of the board
-    row: Floats  # (m,) scratch
+    tailed: Ints  # (1,) whether the errors of this search have tails whatever the law
+    residual: Floats  # (n,) Pa along listed, less the offset of the board
+    scratch: Floats  # (m,)
     normal: Floats  # (m, m)
     gradient: Floats  # (m,)
     factor: Floats  # (m, m)
@@ -101,20 +101,20 @@ class Search(NamedTuple):
     theta: Floats  # (g, 4) contacts being solved
     trial: Floats  # (g, 4)
     kind: Ints  # (g,) kind of size of each
-    rows: Ints  # (g,) rows of the answer
+    rows: Ints  # (g,) rows of the group's contacts in the columns of ``Work``
     kind_share: Floats  # (KINDS,) prior share
-    kind_mean: Floats  # (KINDS,)
+    kind_mean: Floats  # (KINDS,) prior mean of u
     force_prior: Floats  # (2,) mean and standard deviation of log force
-    offsets: Ints  # (1,) whether the zeros of boards are unknowns
+    offsets: Ints  # (1,) whether the offsets of boards are unknowns
     n_plans: Ints  # (1,)
-    plan: Ints  # (16 (g + 1), 5) two contacts that go, number of new ones, kind of each
+    plan: Ints  # (16 (g + 1), 5) proposals of moves: two contacts that go, number of new ones, kind of each
     plan_theta: Floats  # (16 (g + 1), 2, 4) the new ones
     n_hypotheses: Ints  # (1,)
     h_theta: Floats  # (h, g, 4)
     h_kind: Ints  # (h, g)
     h_count: Ints  # (h,) contacts
     h_score: Floats  # (h,) log evidence
-    h_chi2: Floats  # (h, 3) chi^2, number of the tactels that count, part of their variance that is not noise
+    h_chi2: Floats  # (h, 3) chi^2, number of its tactels, mean share of their variance that is not noise
     h_covariance: Floats  # (h, g, 4, 4) of the unknowns of each contact
     h_status: Ints  # (h,)
     h_done: Bools  # (h,) expanded
@@ -138,14 +138,14 @@ def make_search(lay: Layout) -> Search:
     n, g, m, h = len(lay.s), GROUP, 4 * GROUP, KEPT
     plans = 16 * (g + 1)
     of_group = dict.fromkeys(("pitch", "dof", "n_listed", "tailed", "offsets", "n_plans", "n_hypotheses"), 1)
-    of_tactels = dict.fromkeys(["listed", "back", "variance", "tail", "n_felt_by", "weight", "pull"], n)
-    of_unknowns = dict.fromkeys(("row", "gradient", "step"), m)
+    of_tactels = dict.fromkeys(("listed", "outside", "variance", "tail", "weight", "residual"), n)
+    of_unknowns = dict.fromkeys(("scratch", "gradient", "step"), m)
     of_kinds = dict.fromkeys(("kind_share", "kind_mean"), KINDS)
     of_hypotheses = dict.fromkeys(("h_count", "h_score", "h_status", "h_done"), h)
     tables = {"jacobian": (n, m), "felt_by": (n, g), "theta": (g, 4), "trial": (g, 4), "kind": g, "rows": g}
     tables |= dict.fromkeys(("normal", "factor", "inverse"), (m, m))
     tables |= {"force_prior": 2, "plan": (plans, 5), "plan_theta": (plans, 2, 4), "h_chi2": (h, 3)}
-    tables |= {"h_theta": (h, g, 4), "h_kind": (h, g), "h_covariance": (h, g, 4, 4)}
+    tables |= {"h_theta": (h, g, 4), "h_kind": (h, g), "h_covariance": (h, g, 4, 4), "n_felt_by": n}
     shapes = of_group | of_tactels | of_unknowns | of_kinds | of_hypotheses | tables
     return Search(**_zeros(Search, shapes))
 

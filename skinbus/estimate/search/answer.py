@@ -1,11 +1,14 @@
 """The answer of a group: its contacts with covariances and flags, from the hypotheses that were kept.
 
-The number of contacts is that of the best hypothesis. Of each contact, place and force are the mean over the
-hypotheses with that number whose kind of size is the simplest that holds ``REFUTED`` of the probability (tips
-and thumbs are one); the covariance is the second moment of all with that number about it, so other sizes and
-other modes are part of it. Where chi^2 per degree of freedom is above 1, the law explains less than its
-variances say, and noise is what it was: the covariance grows with the excess, by the part of the variance
-that is not noise.
+* The number of contacts is that of the best hypothesis. Hypotheses with this number and near its score are
+  averaged by their probability.
+* Place, force and size of a contact are the mean over the hypotheses in which it has the simplest kind of
+  size that is not refuted: one with ``REFUTED`` of the probability. Tips and thumbs are one kind here.
+* The covariance is the second moment of all of them about this mean. So it includes other kinds of size and
+  other modes.
+* Where chi^2 is larger than its degrees of freedom n, the law explains less than its variances say. If a
+  share r of the variances is not noise, the covariance grows by 1 + r (chi^2 / n - 1), for r = 1 the Birge
+  ratio; for a misfit, at least by :func:`misfit`.
 
 Source of the last: R. Birge, The calculation of errors by the method of least squares (1932).
 """
@@ -30,12 +33,12 @@ from skinbus.estimate.search.model import feels
 from skinbus.jit import inner_kernel
 
 REFUTED = 0.2
-"""Share of the probability below which a kind of size is refuted: the mean over sizes is wrong where a
-calibration holds, its size alone where it does not."""
-LEAST = 3
+"""Share of the probability below which a kind of size is refuted. The mean over all kinds would be wrong
+where the calibration holds, the kind as calibrated alone where it does not."""
+LEAST_TACTELS = 3
 """Tactels that a place and a force need."""
-FEW = 0.25
-"""Pitches: standard deviation of a place from which on it is flagged."""
+UNSURE = 0.25
+"""Standard deviation of a place, in pitches, from which on it is flagged."""
 
 
 @inner_kernel
@@ -47,25 +50,26 @@ def matching(lay: Layout, q: Search, link: int, h: int, best: int, c: int) -> in
 
 @inner_kernel
 def share_of(q: Search, h: int, best: int) -> float:
-    """Return how probable hypothesis h is beside the best; 0 with another number of contacts or far below."""
+    """Return the probability of hypothesis h in units of the best's; 0 with another number of contacts."""
     behind = q.h_score[best] - q.h_score[h]
     return math.exp(-behind) if q.h_count[h] == q.h_count[best] and behind <= RIVAL else 0.0
 
 
 @inner_kernel
 def write_mean(lay: Layout, q: Search, link: int, best: int, c: int, place: Floats) -> None:
-    """Write the mean place, log force and size of contact c of the best hypothesis over its simplest kind.
+    """Write the mean place, log force and size of contact c of the best hypothesis.
 
-    That is the first kind of size that is not refuted; tips and thumbs are one.
+    It is over the hypotheses in which the contact has the first kind of size that is not refuted, ``wanted``.
     """
-    period, theta, wanted, total = surface_of(lay.link, link).period, q.h_theta, 0, 0.0
+    period, theta, shares = surface_of(lay.link, link).period, q.h_theta, q.scratch
+    wanted, total = 0, 0.0
     for x in range(4):
-        place[x] = q.row[x] = 0.0
+        place[x] = shares[x] = 0.0
     for h in range(q.n_hypotheses[0]):
         share = share_of(q, h, best)
-        q.row[min(q.h_kind[h, matching(lay, q, link, h, best, c)], TIP)] += share
+        shares[min(q.h_kind[h, matching(lay, q, link, h, best, c)], TIP)] += share
         total += share
-    while wanted < TIP and q.row[wanted] < REFUTED * total:
+    while wanted < TIP and shares[wanted] < REFUTED * total:
         wanted += 1
     for h in range(q.n_hypotheses[0]):
         e = matching(lay, q, link, h, best, c)
@@ -74,7 +78,7 @@ def write_mean(lay: Layout, q: Search, link: int, best: int, c: int, place: Floa
             off = theta[h, e, x] - theta[best, c, x]
             place[x] += share * (wrap(off, period) if x == 1 else off)
     for x in range(4):
-        place[x] = theta[best, c, x] + place[x] / q.row[wanted]
+        place[x] = theta[best, c, x] + place[x] / shares[wanted]
     place[1] = wrap(place[1], period)
     keep_on_board(lay, link, q.listed, q.n_listed[0], place)
 
@@ -83,7 +87,7 @@ def write_mean(lay: Layout, q: Search, link: int, best: int, c: int, place: Floa
 def write_moments(
     lay: Layout, q: Search, link: int, best: int, c: int, place: Floats, moment: Floats
 ) -> None:
-    """Write the covariance of contact c of the best hypothesis: the moment of all rivals about a place."""
+    """Write the covariance of contact c of the best hypothesis: the moment of all rivals about ``place``."""
     period, total = surface_of(lay.link, link).period, 0.0
     excess = max(q.h_chi2[best, 0] / freedom(q, best) - 1.0, 0.0)
     scale = max(1.0 + q.h_chi2[best, 2] * excess, misfit(q, best))
@@ -111,7 +115,7 @@ def write_moments(
 def flag_contact(
     lay: Layout, w: Work, q: Search, link: int, best: int, c: int, to: int, is_cut: bool
 ) -> None:
-    """Write quality, status and tactels of contact c of the best hypothesis, as prepared last."""
+    """Write quality, status and tactels of contact c of the best hypothesis, as fitted last."""
     flags, n_felt, is_full, strongest, home = 0, 0, False, -1.0, q.listed[0]
     for t in range(q.n_listed[0]):
         i = q.listed[t]
@@ -120,11 +124,11 @@ def flag_contact(
             is_full |= w.state[i] == SATURATED
             if w.p[i] > strongest:
                 home, strongest = i, w.p[i]
-    moment, few, law = w.covariance[to], FEW * q.pitch[0], lay.law[q.listed[0]]
+    moment, few, law = w.covariance[to], UNSURE * q.pitch[0], lay.law[q.listed[0]]
     half, diff = 0.5 * (moment[0, 0] + moment[1, 1]), 0.5 * (moment[0, 0] - moment[1, 1])
-    if n_felt < LEAST or half + math.sqrt(diff * diff + moment[1, 0] * moment[1, 0]) > few * few:
+    if n_felt < LEAST_TACTELS or half + math.sqrt(diff * diff + moment[1, 0] * moment[1, 0]) > few * few:
         flags |= Quality.FEW_TACTELS.value
-        # a deviation further away, the same reading takes a larger force than a linear covariance says
+        # if the place is off by its deviation, the same reading takes more force than to first order
         peak = amplitude(lay.law_par, law, w.place[to, 2])[0] * lay.law_par[law, PEAK]
         away = math.sqrt(max(moment[0, 0], moment[1, 1]))
         far = math.exp(log_force_at(lay.law_par, lay.law_table, law, peak, away))
@@ -148,7 +152,7 @@ def write_answer(lay: Layout, w: Work, q: Search, link: int, first: int, full: b
     best, row, k = best_of(q), 0, 0
     settle(lay, w, q, link, best)
     is_cut = is_over(w)
-    if is_cut:  # no budget is left to evaluate rivals
+    if is_cut:  # rivals were not compared to the end: the best one alone is the answer
         q.h_score[best] += RIVAL
     for c in range(q.h_count[best]):
         while row < w.n_contacts[0] and not (w.alive[row] and w.group[row] == first):
@@ -166,9 +170,9 @@ def write_answer(lay: Layout, w: Work, q: Search, link: int, first: int, full: b
     gain = 0.0
     for t in range(q.n_listed[0]):
         i = q.listed[t]
-        left = 0.0 if w.state[i] == SATURATED else q.pull[t]
-        gain += ((w.p[i] - q.back[t]) ** 2 - left**2) / lay.sigma[i] ** 2
+        left = 0.0 if w.state[i] == SATURATED else q.residual[t]
+        gain += ((w.p[i] - q.outside[t]) ** 2 - left**2) / lay.sigma[i] ** 2
     for c in range(k):
         flag_contact(lay, w, q, link, best, c, q.rows[c], is_cut)
-        # what explains the readings is a contact unless noise reads as much
+        # contacts that explain the readings are dropped where noise alone explains them, too
         w.alive[q.rows[c]] = gain >= EVIDENCE or misfit(q, best) > 1.0 or is_cut

@@ -1,16 +1,17 @@
-"""Hypotheses and their evidence: how probable a number of contacts, with kinds of size, is by the readings.
+"""Hypotheses: k contacts with a kind of size each, fitted, kept in a list and compared by their evidence.
 
-::
+Laplace's approximation of the log evidence, the *score* of a hypothesis::
 
-    log evidence = -1/2 chi^2 - 1/2 log |N| + sum_k (log odds of a contact + log share of its kind)
-                   - sum_k (log (B^2 sd_f sd_u) + max(log F_k - f, 0))             (Laplace)
+    -1/2 objective - 1/2 log |N| + sum_k [log odds of a contact + log share of its kind
+                                          - log (B^2 sd_f sd_u) - max(log F_k - f, 0)]
 
-with the objective chi^2 and the normal matrix N of ``least_squares``, priors included: place uniform over a
-board (standard deviation B), log force (mean f), size by its kind. Factors of 2 pi cancel. The last term is a
-factor 1 / F for forces above the usual one. Variances of readings are those of one hypothesis for all rivals:
-were each to have its own, weak forces would win by log odds of 5 to 7.
+The objective and the normal matrix N are those of ``least_squares``, priors included: the place is uniform
+over a board (standard deviation B = ``PLACE_SD``), log F_k ~ N(f, sd_f^2), u by its kind (``disc_shapes``).
+Factors of 2 pi cancel. The last term is a factor 1 / F for forces above exp(f), the usual one. A learned law
+has this factor in its f, too (``layout``); without the one or the other, light touches have larger errors.
 
-Sizes and their kinds are those of ``disc_shapes``.
+All rivals have the variances of one hypothesis, so these need no normalisation. With variances of their own,
+hypotheses of weak forces would gain log odds of 5 to 7.
 
 Source: D. MacKay, Information Theory, Inference, and Learning Algorithms (2003), 27 and 28.
 """
@@ -40,15 +41,15 @@ from skinbus.estimate.search.model import weigh
 from skinbus.jit import inner_kernel
 
 RIVAL = 7.0
-"""Log odds below the best to which hypotheses are kept for the answer, and expanded: a thousandth."""
-TRY = 12.0
-"""The same to which a fit that has not ended is continued."""
+"""Hypotheses within these log odds of the best are expanded, and count in the answer: a thousandth."""
+GIVE_UP = 12.0
+"""A fit or a move that is not expected to come within these log odds of the best is given up."""
 ALIKE, ALIKE_FORCE = 0.05, 0.1
-"""Pitches and log force within which two answers are the same."""
-BEYOND = 4.0
-"""Standard deviations from which on something is no chance: chi^2, and then the law does not explain the
-readings; a residual, and then it counts in chi^2 though no contact reaches it. From the square on another
-contact can gain more than it costs."""
+"""Pitches and log force within which two contacts are the same."""
+SIGNIFICANT = 4.0
+"""Standard deviations beyond chance. A hypothesis misfits if its chi^2 is further above its mean. A residual
+beyond counts in chi^2 even where no contact reaches the tactel. Where chi^2 is below the square, another
+contact costs more than it can gain."""
 
 
 @inner_kernel
@@ -65,7 +66,7 @@ def set_priors(lay: Layout, q: Search, law: int) -> int:
 
 @inner_kernel
 def best_of(q: Search) -> int:
-    """Return the best hypothesis."""
+    """Return the hypothesis of the largest score."""
     best = 0
     for h in range(q.n_hypotheses[0]):
         best = h if q.h_score[h] > q.h_score[best] else best
@@ -74,12 +75,12 @@ def best_of(q: Search) -> int:
 
 @inner_kernel
 def top_score(q: Search) -> float:
-    """Return the score of the best hypothesis, minus infinity of none."""
+    """Return the score of the best hypothesis, minus infinity if there is none."""
     return float(q.h_score[best_of(q)]) if q.n_hypotheses[0] > 0 else -math.inf
 
 
 @inner_kernel
-def load(q: Search, h: int) -> int:
+def take_hypothesis(q: Search, h: int) -> int:
     """Copy the contacts of hypothesis h to ``theta``; return their number."""
     k = q.h_count[h]
     for c in range(k):
@@ -90,8 +91,8 @@ def load(q: Search, h: int) -> int:
 
 @inner_kernel
 def prepare(lay: Layout, w: Work, q: Search, link: int, h: int) -> float:
-    """Load hypothesis h, evaluate it and write its factor; return its log evidence."""
-    k = load(q, h)
+    """Take hypothesis h, evaluate it and factorise its matrix; return its score."""
+    k = take_hypothesis(q, h)
     value = linearise(lay, w, q, link, k)
     return log_evidence(q, k, value) if factorise(q, q.dof[0] * k, 0.0) else -math.inf
 
@@ -110,8 +111,8 @@ def nearest_contact(
 
 
 @inner_kernel
-def is_known(lay: Layout, q: Search, link: int, k: int) -> int:
-    """Return the kept hypothesis with the same contacts as ``theta``, or -1."""
+def find_alike(lay: Layout, q: Search, link: int, k: int) -> int:
+    """Return the kept hypothesis with the same k contacts as ``theta``, -1 if there is none."""
     surface, alike = surface_of(lay.link, link), ALIKE * q.pitch[0]
     for h in range(q.n_hypotheses[0]):
         if q.h_count[h] != k:
@@ -133,22 +134,22 @@ def is_known(lay: Layout, q: Search, link: int, k: int) -> int:
 
 @inner_kernel
 def consider(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
-    """Fit the k contacts of ``theta``; keep a possible answer."""
+    """Fit the k contacts of ``theta``, and keep them as a hypothesis if their score is near the best."""
     if is_over(w):
         return
-    bar = top_score(q) - TRY
+    bar = top_score(q) - GIVE_UP
     value, status = fit(lay, w, q, link, k, ROUGH, bar)
     if not (math.isfinite(value) and factorise(q, q.dof[0] * k, 0.0)):
         return
     score = log_evidence(q, k, value)
-    to = is_known(lay, q, link, k)
+    to = find_alike(lay, q, link, k)
     if score < bar or (to >= 0 and q.h_score[to] >= score):
         return
     if to < 0:
         to = q.n_hypotheses[0]
         if to < KEPT:
             q.n_hypotheses[0] += 1
-        else:  # in place of the least probable that is not expanded
+        else:  # in place of the one of the lowest score that is not expanded
             to = -1
             for h in range(KEPT):
                 if not q.h_done[h] and (to < 0 or q.h_score[h] < q.h_score[to]):
@@ -160,25 +161,28 @@ def consider(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
     for c in range(k):
         q.h_kind[to, c] = q.kind[c]
     copy_contacts(q.theta, q.h_theta[to], k)
-    describe(lay, w, q, to)
+    describe_hypothesis(lay, w, q, to)
 
 
 @inner_kernel
 def settle(lay: Layout, w: Work, q: Search, link: int, h: int) -> None:
     """Fit hypothesis h to the end, and describe it."""
-    k = load(q, h)
+    k = take_hypothesis(q, h)
     value, status = fit(lay, w, q, link, k, SETTLED, -math.inf)
     if not is_over(w):
         q.h_status[h] = status
     if math.isfinite(value) and factorise(q, q.dof[0] * k, 0.0):
         copy_contacts(q.theta, q.h_theta[h], k)
-        describe(lay, w, q, h)
+        describe_hypothesis(lay, w, q, h)
 
 
 @inner_kernel
-def describe(lay: Layout, w: Work, q: Search, h: int) -> None:
-    """Write chi^2 of hypothesis h, as factorised last, over the tactels that feel it or stand out, and the
-    covariances of its contacts.
+def describe_hypothesis(lay: Layout, w: Work, q: Search, h: int) -> None:
+    """Write chi^2 of hypothesis h, as factorised last, and the covariances of its contacts.
+
+    chi^2 is over the tactels that feel it or have a significant residual, without tails. A reading at full
+    scale counts in it while the model predicts less, but such a bound determines nothing: the covariances are
+    those without it.
     """
     chi2, n, left, dof, k, is_bound = 0.0, 0, 0.0, q.dof[0], q.h_count[h], False
     for t in range(q.n_listed[0]):
@@ -186,13 +190,13 @@ def describe(lay: Layout, w: Work, q: Search, h: int) -> None:
             if q.weight[t] == 0.0:
                 continue
             q.weight[t], is_bound = 0.0, True
-        square = q.pull[t] * q.pull[t] / q.variance[t]
-        if q.n_felt_by[t] > 0 or square > BEYOND * BEYOND:
+        square = q.residual[t] * q.residual[t] / q.variance[t]
+        if q.n_felt_by[t] > 0 or square > SIGNIFICANT * SIGNIFICANT:
             chi2 += square
             n += 1
             left += 1.0 - lay.sigma[q.listed[t]] ** 2 / q.variance[t]
     q.h_chi2[h, 0], q.h_chi2[h, 1], q.h_chi2[h, 2] = chi2, n, left / max(n, 1)
-    if is_bound:  # which says nothing of how far beyond
+    if is_bound:
         write_equations(lay, w, q, k)
         factorise(q, dof * k, 0.0)
     invert(q, dof * k)
@@ -204,11 +208,11 @@ def describe(lay: Layout, w: Work, q: Search, h: int) -> None:
 
 @inner_kernel
 def rescore(lay: Layout, w: Work, q: Search, link: int, h: int) -> None:
-    """Weigh readings by hypothesis h, and score all by these weights."""
+    """Set the variances by hypothesis h, and score all hypotheses anew."""
     weigh(lay, w, q, link, q.h_theta[h], q.h_count[h])
     for g in range(q.n_hypotheses[0]):
         q.h_score[g] = prepare(lay, w, q, link, g)
-        describe(lay, w, q, g)
+        describe_hypothesis(lay, w, q, g)
 
 
 @inner_kernel
@@ -219,6 +223,6 @@ def freedom(q: Search, h: int) -> float:
 
 @inner_kernel
 def misfit(q: Search, h: int) -> float:
-    """Return chi^2 of hypothesis h over the most that it may be: above 1 it does not explain the readings."""
+    """Return chi^2 of hypothesis h in units of its limit: above 1 it does not explain the readings."""
     n = freedom(q, h)
-    return float(q.h_chi2[h, 0] / (n + BEYOND * math.sqrt(2.0 * n)))
+    return float(q.h_chi2[h, 0] / (n + SIGNIFICANT * math.sqrt(2.0 * n)))

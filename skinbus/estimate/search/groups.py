@@ -1,10 +1,14 @@
-"""Groups of contacts whose cores overlap, each solved by the search, from the strongest to the weakest.
+"""Groups of contacts whose cores overlap, each solved by a search, the strongest first.
 
-Groups that others press are fitted before any is searched: what a contact presses beside it is known only
-then. The search of a group keeps a list of hypotheses. It begins with its contacts, and tries the moves from
-the best hypothesis, until nothing better comes of them; then, at ``full`` and where the best misfits, from
-the best rival. ``full`` also adds contacts to a hypothesis that explains the readings. The budget is asked
-before each hypothesis.
+1. Groups whose tactels others press are fitted, without a search: then it is known what each contact presses
+   on the tactels of others.
+2. All groups are searched.
+3. Groups that have come together are joined and searched again.
+
+The search of a group keeps a list of hypotheses and begins with its contacts as they are. It expands the best
+hypothesis by the moves until the best one is expanded. Then it expands one rival, at ``full`` and where the
+best one misfits; if that yields a better one, it goes on. ``full`` also adds contacts to a hypothesis that
+explains the readings. The budget is looked at before each step of a fit.
 """
 
 from __future__ import annotations
@@ -22,7 +26,7 @@ from skinbus.estimate.search.evidence import (
     RIVAL,
     best_of,
     consider,
-    describe,
+    describe_hypothesis,
     misfit,
     prepare,
     rescore,
@@ -35,7 +39,7 @@ from skinbus.estimate.search.moves import expand
 from skinbus.jit import inner_kernel
 
 ODDS_MOVED = -3.0
-"""Log prior odds that the zeros of boards have moved since a baseline has seen them."""
+"""Log prior odds that boards have offsets: that their zeros have moved since the baseline followed them."""
 
 
 @inner_kernel
@@ -44,8 +48,8 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
     for c in range(len(w.alive)):
         w.group[c], w.again[c] = c, w.alive[c]
         if w.alive[c]:
-            measure(lay, w, c)
-    for turn in range(3):  # fit those that others press, search all, search those that have come together
+            write_amplitude(lay, w, c)
+    for turn in range(3):  # the steps of the module's description
         join_groups(lay, w)
         for c in range(w.n_contacts[0]):
             w.again[c] = w.again[c] or turn == 1
@@ -61,7 +65,7 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
                 break
             w.again[first] = False
             most = w.work[MOST]
-            # what a search leaves is for others
+            # the part of this group in the work that is left; what it leaves is for others
             w.work[MOST] = w.work[DONE] + (most - w.work[DONE]) // (waiting if turn > 0 else 1)
             solve_group(lay, w, q, first, turn > 0, full)
             if w.work[MOST] >= 0:  # else the time is over
@@ -69,7 +73,7 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
     for c in range(w.n_contacts[0]):
         if w.alive[c] and w.level[c] == 0:  # no time was left for its group
             w.quality[c] |= Quality.OVER_BUDGET.value
-            # a pitch and all of its force are not certain
+            # uncertain by a pitch and all of its force
             w.covariance[c] = 0.0
             w.covariance[c, 0, 0] = w.covariance[c, 1, 1] = q.pitch[0] ** 2
             w.covariance[c, 2, 2] = math.exp(2.0 * w.place[c, 2])
@@ -82,14 +86,14 @@ def law_of(lay: Layout, w: Work, c: int) -> int:
 
 
 @inner_kernel
-def measure(lay: Layout, w: Work, c: int) -> None:
-    """Write the amplitude of a contact."""
+def write_amplitude(lay: Layout, w: Work, c: int) -> None:
+    """Write the amplitude of a contact by its force."""
     w.amplitude[c] = amplitude(lay.law_par, law_of(lay, w, c), w.place[c, 2])[0]
 
 
 @inner_kernel
 def join_groups(lay: Layout, w: Work) -> None:
-    """Join groups whose contacts' cores overlap, up to ``GROUP`` contacts; what is joined is solved again."""
+    """Join groups whose contacts' cores overlap, up to ``GROUP`` contacts; joined groups are solved again."""
     laws, n = lay.law_par, w.n_contacts[0]
     for c in range(n):
         if not w.alive[c]:
@@ -114,11 +118,12 @@ def join_groups(lay: Layout, w: Work) -> None:
 
 @inner_kernel
 def list_tactels(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
-    """List the tactels with a value near k contacts of ``theta``.
+    """List the tactels with a value near k contacts of ``theta``, by patch.
 
-    They are all within two pitches of a core, and the touched ones within a pitch of its reach.
+    These are all within two pitches of a core, and touched ones within a pitch of the reach of a contact.
+    The first k elements of ``scratch`` are then these reaches with a pitch.
     """
-    surface, n, near = surface_of(lay.link, link), 0, q.row
+    surface, n, near = surface_of(lay.link, link), 0, q.scratch
     for c in range(k):
         law = law_of(lay, w, q.rows[c])
         amp = w.amplitude[q.rows[c]]
@@ -140,10 +145,13 @@ def list_tactels(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
 
 @inner_kernel
 def press_from_outside(lay: Layout, w: Work, q: Search, link: int, first: int, k: int) -> bool:
-    """Write to ``back`` what contacts of other groups press; return whether any of it is above noise."""
-    surface, near, is_pressed = surface_of(lay.link, link), q.row, False
+    """Write to ``outside`` what contacts of other groups press; return whether any of it is above noise.
+
+    It is called after :func:`list_tactels`, with the reaches that this has left in ``scratch``.
+    """
+    surface, near, is_pressed = surface_of(lay.link, link), q.scratch, False
     for t in range(q.n_listed[0]):
-        q.back[t] = 0.0
+        q.outside[t] = 0.0
     for c in range(w.n_contacts[0]):
         if w.alive[c] and w.group[c] != first and w.link[c] == link:
             own, is_beside = reach(lay.law_par, law_of(lay, w, c), w.amplitude[c]), False
@@ -153,9 +161,9 @@ def press_from_outside(lay: Layout, w: Work, q: Search, link: int, first: int, k
                     surface, far, w.place[c, 0], w.place[c, 1], q.theta[e, 0], q.theta[e, 1]
                 )
             if is_beside:
-                press(lay, q, link, w.place, c, q.back, -1)
+                press(lay, q, link, w.place, c, q.outside, -1)
     for t in range(q.n_listed[0]):
-        is_pressed |= q.back[t] > lay.sigma[q.listed[t]]
+        is_pressed |= q.outside[t] > lay.sigma[q.listed[t]]
     return is_pressed
 
 
@@ -173,7 +181,10 @@ def take_group(w: Work, q: Search, first: int) -> int:
 
 @inner_kernel
 def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full: bool) -> None:
-    """Search the contacts of a group and write its answer; or only fit them, if others press its tactels."""
+    """Search the contacts of a group and write its answer, or only fit them if others press its tactels.
+
+    Where no contacts explain the readings, the group is searched again with errors that have tails.
+    """
     link, k = w.link[first], take_group(w, q, first)
     list_tactels(lay, w, q, link, k)
     if q.n_listed[0] == 0:
@@ -191,23 +202,27 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
             if math.isfinite(fit(lay, w, q, link, k, ROUGH, -math.inf)[0]):
                 for c in range(k):
                     copy_contact(q.theta[c], w.place[q.rows[c]])
-                    measure(lay, w, q.rows[c])
+                    write_amplitude(lay, w, q.rows[c])
             return
         consider(lay, w, q, link, k)
         if q.n_hypotheses[0] == 0:
             return
         search_group(lay, w, q, link, full)
         if misfit(q, best_of(q)) <= 1.0 or is_over(w):
-            break  # else no contacts explain the readings: their errors have tails
+            break
     write_answer(lay, w, q, link, first, full)
     for c in range(w.n_contacts[0]):
         if w.group[c] == first:
-            measure(lay, w, c)
+            write_amplitude(lay, w, c)
 
 
 @inner_kernel
 def search_group(lay: Layout, w: Work, q: Search, link: int, full: bool) -> None:
-    """Expand the best hypothesis until nothing better comes of it; of a misfit, and at ``full``, a rival."""
+    """Expand the best hypothesis until it is expanded; then, if it misfits or at ``full``, one rival.
+
+    ``weighed`` is the number of contacts that the variances are for, ``since`` the number of rivals expanded
+    since the best hypothesis was.
+    """
     weighed, since = q.h_count[0], 0
     weigh_offsets(lay, w, q, link)
     while not is_over(w):
@@ -228,13 +243,13 @@ def search_group(lay: Layout, w: Work, q: Search, link: int, full: bool) -> None
 
 @inner_kernel
 def weigh_offsets(lay: Layout, w: Work, q: Search, link: int) -> None:
-    """Let the zeros of the boards be unknowns if the first hypothesis misfits, and they explain it."""
+    """Make the offsets of boards unknowns if the first hypothesis misfits and offsets explain it."""
     if misfit(q, 0) <= 1.0:
         return
     q.offsets[0] = 1
     score = prepare(lay, w, q, link, 0) + ODDS_MOVED
     if score > q.h_score[0]:
         q.h_score[0] = score
-        describe(lay, w, q, 0)
+        describe_hypothesis(lay, w, q, 0)
     else:
         q.offsets[0] = 0

@@ -1,15 +1,18 @@
-"""Damped least squares of the model of a group: the most probable contacts near a start.
+"""Damped least squares of the model of a group: the most probable contacts near a start, and their evidence.
 
 ::
 
-    minimise  chi^2(theta) + sum_k ((log F_k - f) / sd_f)^2 + ((u_k - u) / sd_u)^2
+    minimise  chi^2(theta) + sum_k [((log F_k - f) / sd_f)^2 + ((u_k - u) / sd_u)^2]
 
-Steps are those of Levenberg and Marquardt, damped in proportion to the diagonal: units do not matter. A step
-is bounded: a pitch, a factor e of the force, half a unit of u. Places stay on the board of the nearest listed
-tactel.
+``evidence`` has the formula of the log evidence.
 
-Failure: a local minimum, which is why moves start from other places. Iterations are bounded; the outcome is a
-status. Source: J. Nocedal, S. Wright, Numerical Optimization (2006), 10.3.
+Steps are those of Levenberg and Marquardt. Damping is in proportion to the diagonal of the normal matrix, so
+units do not matter. A step is at most a pitch, a factor e of the force and half a unit of u. Places stay on
+the board of the nearest listed tactel.
+
+Failure: a local minimum. The moves therefore start from other places, too.
+
+Source: J. Nocedal, S. Wright, Numerical Optimization (2006), 10.3.
 """
 
 from __future__ import annotations
@@ -29,24 +32,25 @@ from skinbus.jit import inner_kernel
 
 CONVERGED, ITERATION_LIMIT = 0, 1
 """Status of a fit."""
-BOARD = 0.025
-"""m, standard deviation of a place before anything is read: half a board."""
-ODDS = -6.0
+PLACE_SD = 0.025
+"""m, standard deviation of the prior of a place: half a board."""
+CONTACT_ODDS = -6.0
 """Log prior odds of one contact more."""
 ITERATIONS = 30
 """Steps of a fit: half of all end after two, nine in ten after at most 17."""
 ROUGH, SETTLED = 0.05, 1e-4
-"""Expected decrease of chi^2 from which on a step is the last, and nothing is evaluated after it: of a
-hypothesis (it moves by a fifth of a standard deviation, and is off by a part of that), of the answer."""
+"""A step that promises to decrease chi^2 by less is the last, and nothing is evaluated after it: for a
+hypothesis (such a step is a fifth of a standard deviation), for the answer."""
 HOPE = 4.0
-"""A fit is taken to lower chi^2 in all by less than this times what its next step predicts."""
+"""A fit is expected to decrease chi^2 in all by at most so many times what its next step promises."""
 FIRST_DAMPING, LAST_DAMPING = 1e-3, 1e4
-"""Parts of the diagonal: nearly a Gauss-Newton step; steps so short that a fit ends there."""
-NEGLIGIBLE, EDGE = 1e-4, 1e-2
-"""A step that lowers chi^2 by less than the first, at a damping above the second, ends a fit: the minimum is
-at a kink of the law."""
+"""In units of the diagonal: the first step is nearly that of Gauss and Newton; beyond the last, steps are so
+short that the fit ends."""
+NEGLIGIBLE, KINK = 1e-4, 1e-2
+"""A step that decreases chi^2 by less than the first, at a damping above the second, ends a fit: at a kink of
+the law or a bound of u, steps go to and fro."""
 SINGULAR = 1e-14
-"""Part of the diagonal that a pivot must keep: what rounding leaves of a parameter that others stand for."""
+"""Share of the diagonal that a pivot must keep: less is rounding, and the matrix is singular."""
 
 
 @inner_kernel
@@ -66,15 +70,18 @@ def evaluate(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) 
 def write_equations(lay: Layout, w: Work, q: Search, k: int) -> None:
     """Write normal matrix and gradient of the first k contacts of ``theta``, evaluated last, with priors.
 
-    The uncertainty of a place is bounded by the core, or a pitch, if that is less than ``BOARD``. The
-    gradient has no such part, for the prior is uniform.
+    The prior of a place is uniform, so the gradient has no part of it. In the matrix it bounds the
+    uncertainty of the place, and with it the volume of Laplace's approximation, by the core of the contact:
+    beyond, the tactels would feel it less. The bound is at least a pitch and at most ``PLACE_SD``.
     """
     write_normal(lay, w, q, k)
     dof, normal, gradient, law = q.dof[0], q.normal, q.gradient, lay.law[q.listed[0]]
     for c in range(k):
         theta = q.theta[c]
         u, sd = dof * c, q.force_prior[1]
-        away = min(BOARD, max(q.pitch[0], core(lay.law_par, law, amplitude(lay.law_par, law, theta[2])[0])))
+        away = min(
+            PLACE_SD, max(q.pitch[0], core(lay.law_par, law, amplitude(lay.law_par, law, theta[2])[0]))
+        )
         normal[u, u] += 1.0 / (away * away)
         normal[u + 1, u + 1] += 1.0 / (away * away)
         normal[u + 2, u + 2] += 1.0 / (sd * sd)
@@ -88,11 +95,11 @@ def write_equations(lay: Layout, w: Work, q: Search, k: int) -> None:
 
 @inner_kernel
 def log_evidence(q: Search, k: int, value: float) -> float:
-    """Return the log evidence of k contacts of this objective, by the matrix factorised last."""
+    """Return the log evidence of k contacts from their objective and the matrix factorised last."""
     dof, total = q.dof[0], -0.5 * value
     for u in range(dof * k):
         total -= math.log(q.factor[u, u])
-    total += k * (ODDS - 2.0 * math.log(BOARD) - math.log(q.force_prior[1]))
+    total += k * (CONTACT_ODDS - 2.0 * math.log(PLACE_SD) - math.log(q.force_prior[1]))
     for c in range(k):
         total -= max(q.theta[c, 2] - q.force_prior[0], 0.0)
     for c in range(k if dof == 4 else 0):
@@ -140,8 +147,8 @@ def invert(q: Search, m: int) -> None:
     """Write the inverse of the matrix factorised last."""
     for u in range(m):
         for v in range(m):
-            q.row[v] = 1.0 if v == u else 0.0
-        solve(q, m, q.row, q.inverse[u])
+            q.scratch[v] = 1.0 if v == u else 0.0
+        solve(q, m, q.scratch, q.inverse[u])
 
 
 @inner_kernel
@@ -154,16 +161,17 @@ def linearise(lay: Layout, w: Work, q: Search, link: int, k: int) -> float:
 
 @inner_kernel
 def fit(lay: Layout, w: Work, q: Search, link: int, k: int, enough: float, bar: float) -> tuple[float, int]:
-    """Fit the first k contacts of ``theta``; return the objective and a status, infinity if that is hopeless.
+    """Fit the first k contacts of ``theta``; return the objective and a status.
 
-    Jacobian, residuals and normal equations are those before the last step. It is hopeless where the log
-    evidence stays below ``bar`` though the objective falls by ``HOPE`` times what the next step promises.
+    A step that promises less than ``enough`` is the last; Jacobian, residuals and normal equations are those
+    before it. The objective is infinity if the fit is given up: where the log evidence would be below ``bar``
+    even if the objective fell by ``HOPE`` times what the next step promises.
     """
     dof, theta, trial, step = q.dof[0], q.theta, q.trial, q.step
-    m, damping, status, is_stale, at_edge = dof * k, FIRST_DAMPING, ITERATION_LIMIT, False, False
+    m, damping, status, is_stale, at_kink = dof * k, FIRST_DAMPING, ITERATION_LIMIT, False, False
     value = linearise(lay, w, q, link, k)
     for _ in range(ITERATIONS if value < math.inf else 0):
-        if at_edge or damping > LAST_DAMPING:
+        if at_kink or damping > LAST_DAMPING:
             status = CONVERGED
         if status == CONVERGED or is_over(w):
             break
@@ -196,8 +204,8 @@ def fit(lay: Layout, w: Work, q: Search, link: int, k: int, enough: float, bar: 
             value -= promised
             break
         new = evaluate(lay, w, q, link, trial, k)
-        is_stale = not new <= value  # Jacobian and residuals are those of a step that is not taken
-        at_edge = not is_stale and value - new < NEGLIGIBLE and damping > EDGE  # steps only go to and fro
+        is_stale = not new <= value  # Jacobian and residuals are of a step not taken
+        at_kink = not is_stale and value - new < NEGLIGIBLE and damping > KINK
         damping = 10.0 * damping if is_stale else max(0.1 * damping, 1e-9)
         if not is_stale:
             value = new

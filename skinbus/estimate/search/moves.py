@@ -1,7 +1,7 @@
 """The moves from one hypothesis to others: sizes, places, fewer contacts, more contacts.
 
-Each move replaces up to two contacts of a hypothesis by up to two others. Only contacts of which the readings
-leave something open are moved:
+Each move replaces up to two contacts of a hypothesis by up to two others. It is proposed only for contacts of
+which the readings leave something open:
 
 =======  =====================================================  ==============================================
 move     proposes                                               for a contact
@@ -27,23 +27,31 @@ from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.law import amplitude, log_force_at, pressure
 from skinbus.estimate.kernels.layout import OWN_SIZE, Layout
 from skinbus.estimate.kernels.workspace import GROUP, Search, Work
-from skinbus.estimate.search.evidence import BEYOND, RIVAL, TRY, consider, misfit, nearest_contact, prepare
+from skinbus.estimate.search.evidence import (
+    GIVE_UP,
+    RIVAL,
+    SIGNIFICANT,
+    consider,
+    misfit,
+    nearest_contact,
+    prepare,
+)
 from skinbus.estimate.search.least_squares import copy_contact, copy_contacts
 from skinbus.estimate.search.model import feels
 from skinbus.jit import inner_kernel
 
-FELT, ENOUGH = 3.0, 4
-"""A residual of more standard deviations may be a contact. The place of a contact that presses so many
-tactels beyond their thresholds has one mode."""
+LARGE_RESIDUAL, ENOUGH_TACTELS = 3.0, 4
+"""Standard deviations from which on a residual may be a contact. Tactels that a contact must bring to their
+thresholds for its place to have one mode."""
 AROUND, DIRECTIONS = 0.6, 5
-"""Pitches at which places around a contact are tried, beyond its own mode but before the next tactel, and how
-many: one is towards the nearest tactel."""
+"""Pitches from a contact at which other places are tried, outside its own mode and before the next tactel;
+and their number: one is towards the nearest tactel."""
 PER_CONTACT = 5
-"""Tactels for each contact of a group: three or four unknowns, and one to spare. With fewer no contact is
-added, and pairs may have other modes."""
+"""Tactels for each contact of a group: three or four unknowns, and one to spare. With fewer, no contact is
+added, and pairs are mirrored."""
 SPLITS = (0.5, 1.0)
-"""Pitches from the middle at which a contact is divided into two: with one of them alone, pairs on a board of
-the paper have errors a third larger."""
+"""Pitches from its place at which the halves of a divided contact start. With one of the two alone, errors of
+pairs on a board of the paper are a third larger."""
 
 
 @inner_kernel
@@ -55,7 +63,7 @@ def expand(lay: Layout, w: Work, q: Search, link: int, h: int, full: bool) -> No
     propose_places(lay, q, link, h)
     if q.h_count[h] > 1:
         propose_fewer(lay, q, link, h)
-    if (full or misfit(q, h) > 1.0) and q.h_chi2[h, 0] > BEYOND * BEYOND:
+    if (full or misfit(q, h) > 1.0) and q.h_chi2[h, 0] > SIGNIFICANT * SIGNIFICANT:
         prepare(lay, w, q, link, h)
         propose_more(lay, q, link, h)
     for move in range(q.n_plans[0]):
@@ -75,7 +83,7 @@ def expand(lay: Layout, w: Work, q: Search, link: int, h: int, full: bool) -> No
 
 @inner_kernel
 def propose(q: Search, gone: int, also: int) -> None:
-    """Begin a proposal to replace contacts ``gone`` and ``also`` (-1 for none) by those of :func:`put`."""
+    """Begin a proposal: contacts ``gone`` and ``also`` (-1 for none) go, those of :func:`put` come."""
     plan = q.plan[q.n_plans[0]]
     q.n_plans[0] += 1
     plan[0], plan[1], plan[2] = gone, also, 0
@@ -93,11 +101,10 @@ def put(q: Search, kind: int, s: float, a: float, log_force: float, size: float)
 
 @inner_kernel
 def propose_sizes(q: Search, h: int) -> None:
-    """Propose other kinds of size for each contact, where the fit as it is predicts that they are not
-    refuted.
+    """Propose other kinds of size for each contact, unless the readings refute them to first order.
 
-    The readings alone say u ~ N(m, v), the fit less its prior. A kind N(u_k, s_k^2) has then the evidence
-    N(m; u_k, v + s_k^2), and moves the other parameters by their covariance with u.
+    The fit less its prior is what the readings alone say, u ~ N(m, v). The evidence of a kind N(u_k, s_k^2)
+    is then N(m; u_k, v + s_k^2), and place and force change with u by their covariance.
     """
     for c in range(q.h_count[h]):
         covariance, theta, here = q.h_covariance[h, c], q.h_theta[h, c], 0.0
@@ -114,7 +121,7 @@ def propose_sizes(q: Search, h: int) -> None:
             score = math.log(q.kind_share[kind]) - 0.5 * (math.log(total) + off * off / total)
             if turn == 0:
                 here = score
-            elif score >= here - (RIVAL if misfit(q, h) <= 1.0 else TRY):
+            elif score >= here - (RIVAL if misfit(q, h) <= 1.0 else GIVE_UP):
                 size = (precision * read + q.kind_mean[kind] / spread) / (precision + 1.0 / spread)
                 by = (size - theta[3]) / variance
                 s, a = theta[0] + by * covariance[0, 3], theta[1] + by * covariance[1, 3]
@@ -124,7 +131,7 @@ def propose_sizes(q: Search, h: int) -> None:
 
 @inner_kernel
 def propose_places(lay: Layout, q: Search, link: int, h: int) -> None:
-    """Propose places around each contact that few tactels feel: another mode reads alike there."""
+    """Propose places around each contact that few tactels feel: other places explain their readings, too."""
     surface, laws, tables, away = surface_of(lay.link, link), lay.law_par, lay.law_table, AROUND * q.pitch[0]
     for c in range(q.h_count[h]):
         s, a, n_felt, home, nearest = q.h_theta[h, c, 0], q.h_theta[h, c, 1], 0, -1, math.inf
@@ -136,7 +143,7 @@ def propose_places(lay: Layout, q: Search, link: int, h: int) -> None:
             n_felt += pressure(laws, tables, law, amp, d, size)[0] >= lay.threshold[i]
             if d < nearest:
                 home, nearest = i, d
-        if n_felt >= ENOUGH:
+        if n_felt >= ENOUGH_TACTELS:
             continue
         p = pressure(laws, tables, law, amp, nearest, size)[0]
         outward = math.atan2(wrap(a - lay.a[home], surface.period), s - lay.s[home])
@@ -150,15 +157,16 @@ def propose_places(lay: Layout, q: Search, link: int, h: int) -> None:
 
 @inner_kernel
 def propose_fewer(lay: Layout, q: Search, link: int, h: int) -> None:
-    """Propose to leave out each contact, the nearest taking over, to merge the two, and to mirror them.
+    """Propose to leave out each contact, to merge it with the nearest, and to mirror the two.
 
-    Two contacts and their mirror image about the centre of their forces have one force, centre and spread:
-    with few tactels, readings are explained near both.
+    Where it is left out, the fit begins with the nearest as it is. Two contacts and their mirror image about
+    the centre of their forces have the same sum, centre and spread of force: few tactels do not distinguish
+    them.
     """
     k, theta, kind, period = q.h_count[h], q.h_theta[h], q.h_kind[h], surface_of(lay.link, link).period
     for c in range(k):
         e = nearest_contact(lay, link, theta, k, theta[c, 0], theta[c, 1], c)[0]
-        if 2.0 * TRY * q.h_covariance[h, c, 2, 2] > 1.0:  # 1 / variance is what chi^2 grows by without it
+        if 2.0 * GIVE_UP * q.h_covariance[h, c, 2, 2] > 1.0:  # chi^2 grows by 1 / variance without it
             propose(q, c, e)
             put(q, kind[e], theta[e, 0], theta[e, 1], theta[e, 2], theta[e, 3])
         if e < c and nearest_contact(lay, link, theta, k, theta[e, 0], theta[e, 1], e)[0] == c:
@@ -178,38 +186,39 @@ def propose_fewer(lay: Layout, q: Search, link: int, h: int) -> None:
 
 @inner_kernel
 def propose_more(lay: Layout, q: Search, link: int, h: int) -> None:
-    """Propose to add a contact at the two largest residuals, and to divide each along the residuals.
+    """Propose a contact at each of the two largest residuals, and to divide contacts along the residuals.
 
-    With ten contacts, or one per ``PER_CONTACT`` tactels, a new one replaces that of the least certain force.
+    The hypothesis is the one prepared last. With ``GROUP`` contacts, or one per ``PER_CONTACT`` tactels, a
+    new contact replaces the one of the least certain force, ``gone``.
     """
     surface, theta, last, gone = surface_of(lay.link, link), q.theta, -1, -1
     for c in range(q.h_count[h] if q.h_count[h] >= min(GROUP, q.n_listed[0] // PER_CONTACT) else 0):
         if gone < 0 or q.h_covariance[h, c, 2, 2] >= q.h_covariance[h, gone, 2, 2]:
             gone = c
     for _ in range(2):
-        best, z_best = -1, FELT
+        best, z_best = -1, LARGE_RESIDUAL
         for t in range(q.n_listed[0]):
-            z = q.pull[t] / math.sqrt(q.variance[t])  # weights of errors with tails would hide a contact
+            z = q.residual[t] / math.sqrt(q.variance[t])  # without tails, which would hide a contact
             if z > z_best and t != last and q.weight[t] > 0.0:
                 best, z_best = t, z
         if best < 0:
             break
         i, last = q.listed[best], best
-        log_force = log_force_at(lay.law_par, lay.law_table, lay.law[i], q.pull[best], 0.0)
+        log_force = log_force_at(lay.law_par, lay.law_table, lay.law[i], q.residual[best], 0.0)
         propose(q, gone, -1)
         put(q, q.kind[0], lay.s[i], lay.a[i], log_force, q.kind_mean[q.kind[0]])
     for c in range(q.h_count[h]):
         s, a, xx, xy, yy, chi2 = theta[c, 0], theta[c, 1], 0.0, 0.0, 0.0, 0.0
         for t in range(q.n_listed[0]):
-            i, pull = q.listed[t], q.pull[t]
+            i, residual = q.listed[t], q.residual[t]
             x, y = lay.s[i] - s, wrap(lay.a[i] - a, surface.period)
             if feels(q, t, c) and q.weight[t] > 0.0:
-                xx, xy, yy = xx + pull * x * x, xy + pull * x * y, yy + pull * y * y
-                chi2 += pull * pull * q.weight[t] - 1.0
+                xx, xy, yy = xx + residual * x * x, xy + residual * x * y, yy + residual * y * y
+                chi2 += residual * residual * q.weight[t] - 1.0
         if chi2 <= 0.0 or c == gone:  # noise alone explains what is left
             continue
         angle, half = 0.5 * math.atan2(2.0 * xy, xx - yy), theta[c, 2] - math.log(2.0)
-        for turn in range(4):  # along it and, since neighbours pull too, across
+        for turn in range(4):  # along the residuals and, since other contacts distort them, across
             part = SPLITS[turn % 2] * q.pitch[0]
             x, y = part * math.cos(angle), part * math.sin(angle)
             angle += 0.5 * math.pi if turn == 1 else 0.0
