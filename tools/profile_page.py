@@ -60,7 +60,8 @@ Made from the EDS files by `python -m tools.profile_page`; a test holds it to th
 * **Take programs**, if 0x1F50, 0x1F51, 0x1F56 and 0x1F57 are in the EDS: `skinbus board flash` writes 0 and
   3 to 0x1F51:01, an image (`skinbus/objects/program_image.py` says its bytes) to 0x1F50:01, and 1 to
   0x1F51:01, which restarts. 0x1F51:01 is 0x80 until the new program was OPERATIONAL; otherwise the next
-  start runs the old one. 0x1F56:01 is the CRC-32 of the image, 0x1F57:01 is 0 when flash is ready.
+  start runs the old one. 0x1F56:01 is the CRC-32 of the image, 0x1F57:01 is 0 when flash is ready,
+  and 1 while the board erases or writes beside its answers: that is waited for, up to 10 s.
 * **Report errors** as EMCY, once each, and their end as EMCY 0x0000; keep 0x1001 and 0x1003 in step.
 * **Be alive**: heartbeat of 0x1017, or node guarding (0x100C, 0x100D) when that is 0.
 

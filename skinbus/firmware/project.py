@@ -8,12 +8,12 @@ alike but for their value are one run of the table.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
-from canopen.objectdictionary import ObjectDictionary, datatypes
+from canopen.objectdictionary import datatypes
 
 from skinbus.errors import EdsError, Fault
 from skinbus.node.layout import FLOATS, ImageEntry, ImageLayout
@@ -47,7 +47,7 @@ PERIOD_US = 1000
 """From one look at the readings, for events, to the next where a board has no guard."""
 PER_LINE = 16
 HERE = Path(__file__).parent
-RELAY = "relay.c"
+RELAY = HERE / "core/relay.c"
 """Of the core: all that a stop relay has, and no board."""
 SIZES = (
     *("N_RUNS", "DEFAULTS", "IMAGE", "N_LIMITS", "N_TACTELS", "READING_BYTES", "N_PDOS"),
@@ -70,9 +70,8 @@ def write_project(eds: str, out: Path) -> tuple[int, int]:
     Raises:
         EdsError: the EDS is faulty, or asks for what the core does not have.
     """
-    od = load_eds(eds, NODE_ID)
-    layout = ImageLayout(od, NODE_ID)
-    _write(out, *_texts(eds, od, layout), [path for path in HERE.glob("core/*") if path.name != RELAY])
+    layout = ImageLayout(load_eds(eds, NODE_ID), NODE_ID)
+    _write(out, *_texts(eds, layout), [path for path in HERE.glob("core/*") if path != RELAY])
     return sum(entry.size for entry in layout.entries.values()), len(layout.entries)
 
 
@@ -88,15 +87,13 @@ def write_relay(arm: str, cob_ids: Sequence[int], silent_us: int, out: Path) -> 
     source = _source(arm)
     values = dict.fromkeys(SIZES, 1) | {"FRAME_BYTES": 8, "N_GUARDED": len(cob_ids), "SILENT_US": silent_us}
     table = _table("uint16_t sb_guarded[SB_N_GUARDED]", [f"0x{cob_id:03X}" for cob_id in cob_ids])
-    header = _header(source, {name: f"{value}u" for name, value in values.items()})
-    _write(
-        out, header, f'{source}#include "skin.h"\n\n{table}', [HERE / "core/skin.h", HERE / "core" / RELAY]
-    )
+    tables = f'{source}#include "skin.h"\n\n{table}'
+    _write(out, _header(source, values), tables, [HERE / "core/skin.h", RELAY])
 
 
 def _write(out: Path, header: str, tables: str, core: Iterable[Path]) -> None:
     """Write files of the core, all ports and what was made."""
-    for source in (*core, *(path for path in HERE.glob("ports/*") if path.is_file()), HERE / "Makefile"):
+    for source in (*core, *HERE.glob("ports/*"), HERE / "Makefile"):
         target = out / source.relative_to(HERE)
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(source.read_bytes())
@@ -108,16 +105,17 @@ def _source(name: str) -> str:
     return f"/* Made from {Path(name).name} by `skinbus board firmware`. */\n"
 
 
-def _header(source: str, defines: dict[str, str]) -> str:
-    lines = [f"#ifndef SB_{name}\n#define SB_{name} {value}\n#endif" for name, value in defines.items()]
+def _header(source: str, defines: Mapping[str, int | str]) -> str:
+    """Return the text of the header; numbers are unsigned."""
+    values = {name: value if isinstance(value, str) else f"{value}u" for name, value in defines.items()}
+    lines = [f"#ifndef SB_{name}\n#define SB_{name} {value}\n#endif" for name, value in values.items()]
     return "\n".join([f"{source}#ifndef BOARD_H\n#define BOARD_H\n", *lines, "\n#endif\n"])
 
 
 def _kind(entry: ImageEntry) -> tuple[object, ...]:
     """Return what entries of one run share; a text and what is relative to the node-ID is alone."""
     alone = entry.sub if entry.relative or not entry.size else None
-    rights = entry.readable, entry.writable, entry.mappable_tx, entry.mappable_rx
-    return entry.index, entry.variable.data_type, rights, entry.variable.min, entry.variable.max, alone
+    return entry.index, entry.size, _access(entry), entry.variable.min, entry.variable.max, alone
 
 
 def _room(entry: ImageEntry) -> str:
@@ -153,18 +151,18 @@ def _runs(entries: Iterable[ImageEntry]) -> tuple[list[Run], str]:
     return runs, f"({end})"
 
 
-def _texts(eds: str, od: ObjectDictionary, layout: ImageLayout) -> tuple[str, str]:
+def _texts(eds: str, layout: ImageLayout) -> tuple[str, str]:
     """Return the text of the header and that of the tables."""
     runs, n_bytes = _runs(layout.entries.values())
     image = b"".join(_bytes(entry) for run in runs for entry in run.entries if not _room(entry))
     limits = list(dict.fromkeys(_limit(run.entries[0]) for run in runs))
-    pdos = {way: pdo_numbers(od, way) for way in (Direction.RPDO, Direction.TPDO)}
-    defines = {
-        "N_RUNS": f"{len(runs)}u",
-        "DEFAULTS": f"{len(image)}u",
+    pdos = {way: pdo_numbers(layout.od, way) for way in (Direction.RPDO, Direction.TPDO)}
+    defines: dict[str, int | str] = {
+        "N_RUNS": len(runs),
+        "DEFAULTS": len(image),
         "IMAGE": n_bytes,
-        "N_LIMITS": f"{len(limits)}u",
-        **{name: f"{value}u" for name, value in _services(eds, od, layout, runs, pdos).items()},
+        "N_LIMITS": len(limits),
+        **_services(eds, layout, runs, pdos),
     }
     tables = [
         _table("struct sb_run sb_runs[SB_N_RUNS]", [_run(run, limits) for run in runs]),
@@ -172,22 +170,23 @@ def _texts(eds: str, od: ObjectDictionary, layout: ImageLayout) -> tuple[str, st
         _table("int64_t sb_limits[SB_N_LIMITS][2]", limits),
         _table("uint16_t sb_pdos[SB_N_PDOS]", [hex(w.communication + n - 1) for w in pdos for n in pdos[w]]),
     ]
-    defines["DICTIONARY"] = f"0x{zlib.crc32(''.join(tables).encode()):08X}u"
+    defines["DICTIONARY"] = zlib.crc32("".join(tables).encode())
     source = _source(eds)
     return _header(source, defines), "\n".join([f'{source}#include "skin.h"\n', *tables])
 
 
 def _services(
-    eds: str, od: ObjectDictionary, layout: ImageLayout, runs: Sequence[Run], pdos: dict[Direction, list[int]]
-) -> dict[str, int | str]:
+    eds: str, layout: ImageLayout, runs: Sequence[Run], pdos: dict[Direction, list[int]]
+) -> dict[str, int]:
     """Return what the services of the board are made for; a room is at least 1, as C has no empty arrays."""
+    od = layout.od
     readings = next(
         (run for run in runs if run.entries[0].index in cia.READINGS and run.entries[0].sub), None
     )
     if readings is None:
         raise EdsError(eds, [Fault("readings", None, "0x6401 or 0x6400")])
     mapped = [len(layout.subs(way.mapping + n - 1)) for way, numbers in pdos.items() for n in numbers]
-    rates = [bit for bit, rate in cia.BIT_RATES.items() if rate in od.device_information.allowed_baudrates]
+    rates = od.device_information.allowed_baudrates
     names = (SAMPLE_COUNTER, COMMUNICATION_CHECKSUM, GUARD_STATE, GUARD_LIMITS, HEALTHY_TACTELS)
     stamp, checksum, *guard = (index_of(od, name)[0] if has(od, name) else 0 for name in names)
     state, limits, healthy = guard if all(guard) else (0, 0, 0)
@@ -197,7 +196,7 @@ def _services(
         "PRODUCT": number_at(od, cia.IDENTITY, cia.IDENTITY_PRODUCT),
         "N_TACTELS": len(readings.entries),
         "READINGS": readings.entries[0].index,
-        "READINGS_AT": readings.at,
+        "READINGS_AT": int(readings.at),
         "READING_BYTES": readings.entries[0].size,
         "STAMP": stamp,
         "CHECKSUM": checksum,
@@ -212,7 +211,7 @@ def _services(
         "CONSUMED_ROOM": max(len(layout.subs(cia.HEARTBEAT_CONSUMER)), 1),
         "FRAME_BYTES": layout.max_pdo_bits // 8,
         "LSS": int(bool(od.device_information.LSS_supported)),
-        "BIT_RATES": sum(1 << bit for bit in rates),
+        "BIT_RATES": sum(1 << bit for bit, rate in cia.BIT_RATES.items() if rate in rates),
     }
 
 
@@ -231,8 +230,8 @@ def _limit(entry: ImageEntry) -> str:
     return f"{{{begin}, {'INT64_MAX' if high is None else f'{int(high)}LL'}}}"
 
 
-def _run(run: Run, limits: list[str]) -> str:
-    entry = run.entries[0]
+def _access(entry: ImageEntry) -> int:
+    """Return the bits of a run, in the order that the core has."""
     kind = entry.variable.data_type
     bits = (
         *(entry.readable, entry.writable, entry.mappable_tx, entry.mappable_rx, entry.relative),
@@ -240,7 +239,10 @@ def _run(run: Run, limits: list[str]) -> str:
         is_parameter(entry) and is_verified(entry.index),
         *(is_parameter(entry) and entry.index in AREAS[group] for group in GROUPS),
     )
-    access = sum(1 << k for k, has in enumerate(bits) if has)
-    limit = limits.index(_limit(entry))
+    return sum(1 << k for k, has in enumerate(bits) if has)
+
+
+def _run(run: Run, limits: list[str]) -> str:
+    entry = run.entries[0]
     head = f"0x{entry.index:04X}, {entry.sub}, {len(run.entries)}, {entry.size}"
-    return f"{{{head}, {limit}, {access}, {run.at}}}"
+    return f"{{{head}, {limits.index(_limit(entry))}, {_access(entry)}, {run.at}}}"

@@ -175,6 +175,22 @@ def test_a_board_that_fails_is_reported_and_keeps_its_old_program(board, begin, 
     assert own.holds(OLD)
 
 
+@BOARDS
+@pytest.mark.parametrize(
+    ("busy_s", "result"), [(4, ""), (60, "its flash is not ready: 0x1F57:01 is 1")], ids=["ready", "never"]
+)
+def test_a_board_that_erases_beside_its_answers_is_waited_for(board, busy_s, result):
+    device, core, wire = board().power_on(), Logged([NODE], NEW), VirtualBus(1_000_000)
+    device.set(0x1F57, 1, 1)
+    for each in (device, core):
+        wire.attach(each)
+    wire.run(busy_s * 10**9)
+    assert "w 1F50" not in core.said
+    device.set(0x1F57, 1, 0)
+    wire.run(60 * 10**9)
+    assert core.results == {NODE: result}
+
+
 def test_a_project_makes_its_images(tmp_path):
     write_project("skin-patch", tmp_path)
     (tmp_path / "program.bin").write_bytes(b"program")

@@ -15,9 +15,9 @@ from skinbus.objects.cia import NmtCommand
 from skinbus.objects.program_image import read_image
 
 LISTEN_NS = 100 * NS_PER_MS
-"""For the SYNC of a master at work, and for a change of state."""
+"""For the SYNC of a master at work, for a change of state, and from one look at flash to the next."""
 START_NS = 10_000 * NS_PER_MS
-"""For the boot-up message of a new program."""
+"""For the boot-up message of a new program, and for flash."""
 
 
 class Flasher(NodesCore[str]):
@@ -110,5 +110,10 @@ def _ask(index: int, data: bytes | None = None, sub: int = 1) -> Script[int]:
 
 
 def _ready() -> Script[None]:
-    status = yield from _ask(cia.FLASH_STATUS)
+    """Wait for flash, which may be erased and written beside the answers."""
+    for _ in range(START_NS // LISTEN_NS):
+        status = yield from _ask(cia.FLASH_STATUS)
+        if status != cia.FLASH_BUSY:
+            break
+        yield Listen(LISTEN_NS)
     _need(not status, f"its flash is not ready: 0x1F57:01 is {status}")
