@@ -35,11 +35,11 @@ FAMILIES = [
 COLUMNS = ("right %", "mm", "force %", "NEES", "over 6 sd %", "flagged %", "evaluated", "us", "p99 us")
 
 
-def measure(skin_name, draw, n, seed, chunk=0, levels=LEVELS):
+def measure(skin_name, draw, n, seed, chunk=0, levels=LEVELS, **budget):
     """Return by level what n cases on a board gave: errors of touches, right count, work, time (us)."""
     rng = np.random.default_rng([seed, chunk, zlib.crc32(f"{skin_name} {draw}".encode())])
     skin, found = SKINS[skin_name](rng), {level: [] for level in levels}
-    estimator, surface = Estimator(skin.arm, "full"), skin.arm.links[0].surface
+    estimator, surface = Estimator(skin.arm, "full", **budget), skin.arm.links[0].surface
     for k, touches in enumerate(islice(reached(skin, DRAWS[draw], rng), n), 1):
         pressures = skin.read(skin.feel(touches), rng)
         for level, cases in found.items():

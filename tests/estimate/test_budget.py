@@ -9,6 +9,7 @@ from numba import cfunc, types
 
 from skinbus.estimate import Clock, Estimator, Quality
 from skinbus.model import Cone
+from tests.bench.estimator import measure
 from tests.hard.test_extremes import random_readings
 from tests.marks import fits, levels
 from tests.skins import cone_forearm
@@ -181,3 +182,9 @@ def test_wrong_budgets_and_levels_are_refused(arm, pressures):
     for level in ("full", "best"):
         with pytest.raises(ValueError, match="kmeans, fit; got"):
             estimator.update(pressures, 0, level=level)
+
+
+@fits
+def test_covariance_of_what_is_cut_short_includes_rivals(level):
+    found = measure("box forearm", "seam", 30, 35, levels=(level,), budget_work=400)[level]
+    assert np.mean([square for rows, *_ in found for *_, square, flags in rows]) < 2.0

@@ -152,8 +152,6 @@ def write_answer(lay: Layout, w: Work, q: Search, link: int, first: int, full: b
     best, row, k = best_of(q), 0, 0
     settle(lay, w, q, link, best)
     is_cut = is_over(w)
-    if is_cut:  # rivals were not compared to the end: the best one alone is the answer
-        q.h_score[best] += RIVAL
     for c in range(q.h_count[best]):
         while row < w.n_contacts[0] and not (w.alive[row] and w.group[row] == first):
             row += 1
