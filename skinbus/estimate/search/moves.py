@@ -121,7 +121,7 @@ def propose_sizes(q: Search, h: int) -> None:
             score = math.log(q.kind_share[kind]) - 0.5 * (math.log(total) + off * off / total)
             if turn == 0:
                 here = score
-            elif score >= here - (RIVAL if misfit(q, h) <= 1.0 else GIVE_UP):
+            elif score >= here - RIVAL:
                 size = (precision * read + q.kind_mean[kind] / spread) / (precision + 1.0 / spread)
                 by = (size - theta[3]) / variance
                 s, a = theta[0] + by * covariance[0, 3], theta[1] + by * covariance[1, 3]
