@@ -30,7 +30,7 @@ def rows():
         faults += [f"{name}, {' '.join(g)}: {f}" for g, o in outcomes.items() for f in o.faults]
         found = outcomes.values()
         place, force, sd = (
-            max(filter(math.isfinite, (getattr(o, key) for o in found)), default=0.0)
+            float(max(filter(math.isfinite, (getattr(o, key) for o in found)), default=0.0))
             for key in ("place", "force", "sd")
         )
         if place > PLACE or force > FORCE:
