@@ -5,10 +5,10 @@ Contact:  b is held, on the touched patch and on those that adjoin it: the skirt
           threshold and would be learned away, and the force with it. Its variance grows instead, as that of
           a random walk with the declared drift, and so does the variance of what a board has in common.
 
-A tactel is touched from max(threshold, 6 sigma, 3 standard deviations of its zero) on and free again below
-the release, the same share of the first two as of the threshold; sigma is its noise, measured while it is
-free: below its zero by the distance from it, above by second differences, or a press that grows slowly would
-raise the threshold ahead of itself. Following resumes one second after the release.
+A tactel is touched from max(t, 3 standard deviations of its zero) on, t = max(threshold, 6 sigma). It is free
+again below t times the declared release over the threshold, and following resumes one second after that.
+sigma is its noise, measured while it is free: by readings below its zero, and by second differences above it,
+where a press that grows slowly would raise the threshold ahead of itself.
 
 Start: the zero of a tactel is the mean of its first readings, from the first on, while nothing touches its
 patch, nor an adjoining one. Touches count from the zero of its calibration until this has lasted for half a
@@ -59,16 +59,18 @@ Touches = npt.NDArray[np.int8]
 ADJOINING = 10e-3
 """Patches whose corners may be this close adjoin, m: the reach of a contact's skirt."""
 SETTLE_S = 1.0
-"""Time in which a skin settles, s: after so long a press has left in the cover what creeps at once, and so
-long after a release zeros are followed again. A longer gap between readings counts as this."""
+"""Time in which a skin settles, s: a press of so long has its full creep, and zeros are followed again so
+long after a release. A longer gap between readings counts as this."""
 TAU_S = 30.0
 """Time constant of following and of creep, s: long against a touch, short against warming up."""
 FORGET_S = 10.0
-"""Time constant of the noise estimate, s. A patch that was touched and is not read for so long counts as
-free: else those beside it would never be followed again; the master resets it after half of that."""
+"""Time constant of the noise estimate, s. A touched patch that is not read for so long counts as free: else
+the zeros of those beside it would never be followed again. The master resets such a patch after half of
+this."""
 CALM_S, CALM_CYCLES = 0.5, 10
-"""So long, s, and so many readings make a first zero and show that a touch is drift, and a zero is a mean of
-no fewer. So many take a tactel out of its band and back into it: one that is wrong by a bit does not."""
+"""Time (s) and least number of readings that make a first zero, show that a touch is drift, and that a later
+zero is a mean of. So many readings in a row take a tactel out of its band, or back: one bit error does
+not."""
 SIGMAS = 6.0
 """Threshold over noise: 400 tactels at 50 Hz give a false touch in 14 hours (at 5: in 3 minutes)."""
 EXPLAINED = 3.0
@@ -77,14 +79,14 @@ NOISE_LEAST = 0.1
 """Least noise of a tactel with a zero, share of the declared one: quantised readings may show none at all.
 Without a zero it is at least the declared one."""
 YOUNG_CYCLES = 50
-"""Readings in which the noise of a tactel is measured, if it is free itself, whatever touches its patch: else
-one that is noisy would touch again and again before its noise is known."""
+"""The noise of a free tactel is measured in its first so many readings even while its patch is touched: else
+a noisy one would be touched again and again before its noise is known."""
 COMMON = 2.0
 """The zeros of a board drift together by this much more than they drift apart: they share temperature and
 supply."""
 CREEP = 0.05
-"""Standard deviation of what a cover still shows of a press that has gone, of the press: soft silicones creep
-by 2 to 10 % (doi 10.1089/soro.2015.0002)."""
+"""Standard deviation of what a cover still shows of a press that has gone, as a share of the press: soft
+silicones creep by 2 to 10 % (doi 10.1089/soro.2015.0002)."""
 
 
 class Felt(NamedTuple):

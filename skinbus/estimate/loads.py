@@ -50,13 +50,13 @@ FINENESS = 20
 USUAL_N = 5.0
 """Force at which the share that a board feels is integrated, N."""
 NEXT = 1.75
-"""Tactels closer than so many sides of their cells are neighbours: diagonals, and those across a seam."""
+"""Tactels closer than so many sides of their cells are neighbours, also diagonally and across a seam."""
 HIDDEN_MOST = 10.0
-"""Force that a gap may hide, N, at most: where a law says that nothing is felt, it says no force."""
+"""Most force that a gap may hide, N: also where the law says that nothing is felt."""
 SPREAD = 0.02
 """Error of the sum of a press on many tactels, share of the force: law and edges of boards."""
 DIFFERENT = 2.25
-"""Standard deviations between load and contacts beyond which their forces do not add up."""
+"""Load and forces of contacts that differ by more standard deviations do not add up."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

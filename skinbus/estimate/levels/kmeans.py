@@ -24,20 +24,20 @@ from skinbus.estimate.kernels.workspace import NO_VALUE, PATCH_CLUSTERS, Work
 from skinbus.jit import inner_kernel, runtime_int
 
 STANDS_OUT = 6.0
-"""In standard deviations of one reading: 4.2 of a difference, which chance shows once in 10^5 times."""
+"""Standard deviations of a reading that a maximum must be above the saddle: 4.2 of their difference, which
+chance shows once in 10^5 times."""
 DIP = 0.1
-"""Spread of the tactels' gains, a few per cent, must not make a maximum."""
+"""Share of a maximum that it must be above the saddle: gains, which scatter by a few per cent, make none."""
 MAX_ROUNDS = 64
-"""K-means of 64 points ends in fewer than ten rounds; the bound is for what nobody thought of."""
+"""Bound on the rounds of K-means, which ends in fewer than ten with 64 points."""
 
 
 @inner_kernel
 def cluster_patch(lay: Layout, w: Work, patch: int, first: int, k_wanted: int, random: bool) -> int:
     """Cluster the active tactels of a patch into columns ``first``...; return the number of clusters.
 
-    Some may have no tactels.
-
-    ``k_wanted`` 0 chooses K by the maxima. ``random`` starts from K random active tactels instead.
+    ``k_wanted`` 0 chooses K by the maxima. ``random`` starts from K random active tactels instead. Clusters
+    may end without tactels.
     """
     i0, i1 = lay.patch_start[patch], lay.patch_start[patch + 1]
     k = find_maxima(lay, w, i0, i1, k_wanted)
@@ -73,9 +73,9 @@ def find_root(parent: Ints, i: int) -> int:
 def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
     """Write the maxima that stand out, highest first, to ``starts``; return how many.
 
-    At most ``k_wanted``, if that is not 0. Tactels are met from the highest down. The root of a peak
-    is its maximum. Where two peaks meet, the lower one ends: it stands out if its maximum is far
-    enough above the saddle.
+    At most ``k_wanted``, if that is not 0. Tactels are visited from the highest down, and joined to the peaks
+    of their neighbours. The root of a peak is its maximum. Where two peaks meet, the lower one ends; it is
+    kept if its maximum stands out of this saddle.
     """
     p, state, parent, order, edge_start, edge_to = (
         w.p,
@@ -111,7 +111,7 @@ def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
                 j2 = edge_to[f]
                 if i0 <= j2 < i1 and state[j2] != NO_VALUE:
                     k = join(lay, w, i, j2, k)
-    # peaks that met no higher one, or else what is touched below one that is not
+    # peaks that met no higher one; if none is touched, the touched tactels below them
     for o in range(n):
         i = order[o]
         if w.active[i] and (parent[i] == i or k == 0):
@@ -121,7 +121,7 @@ def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
 
 @inner_kernel
 def join(lay: Layout, w: Work, i: int, j: int, k: int) -> int:
-    """Join the peaks of i, which is being met, and its neighbour j; return the number of maxima kept."""
+    """Join the peaks of i, which is visited now, and of its neighbour j; return the number of maxima kept."""
     p, parent = w.p, w.parent
     if parent[j] < 0:
         return k

@@ -8,9 +8,9 @@ surface.
 
 The force of a contact inverts the law (paper, eq. 10, 5, 6) in the sum over its tactels: the amplitude A with
 which sum (A g_j + h_j) is the pressure that they read. For the cone it is the mean of H_j = p_j + S d_j.
-Errors of the centroid raise some terms and lower those opposite, and the sum of a law over a grid hardly
-depends on where in the grid it stands. On the corner of four boards, where all feel less than ``CORE_PART``
-of the peak, its force is not determined: there the law counts as that much.
+An error of the centroid raises some terms and lowers those opposite, and the sum of a law over a grid hardly
+depends on its place in the grid. On the corner of four boards all tactels feel less than ``CORE_PART`` of the
+peak, and do not determine the force: there the mean of g_j counts as that much.
 
 Failure: two contacts on both sides of a seam without a valley between them are one here; the search divides
 them.
@@ -54,14 +54,15 @@ def list_borders(lay: Layout, w: Work) -> int:
 def note_border(lay: Layout, w: Work, i: int, j: int, n: int) -> int:
     """Insert tactels i and j into the list of n borders, unless a valley divides them; return its new length.
 
-    At a corner one tactel is the saddle to two patches: then what is on its other side decides, not which
-    patch has the lower number.
+    At a corner one tactel may be the saddle to two patches: then the higher tactel beside it comes first,
+    whatever the numbers of the patches.
     """
     p, border, label = w.p, w.border, w.label
     if lay.patch[j] <= lay.patch[i] or label[j] < 0 or n == len(border):
         return n
     saddle, slope, a, b = min(p[i], p[j]), max(p[i], p[j]), w.cluster_peak[label[i]], w.cluster_peak[label[j]]
-    if stands_out(lay, w, a if p[a] < p[b] else b, saddle):  # nor is there less of a valley between roots
+    # merged clusters have higher peaks, so the valley divides them, too
+    if stands_out(lay, w, a if p[a] < p[b] else b, saddle):
         return n
     o = runtime_int(n)
     while o > 0:
@@ -156,9 +157,7 @@ def write_contacts(lay: Layout, w: Work, n_clusters: int) -> None:
         is_held = False
         for t in range(n):
             is_held |= w.held[w.member[t]]
-        if (
-            evidence < EVIDENCE and not is_held
-        ):  # chance does not show twice what is as rare as a touch by noise
+        if evidence < EVIDENCE and not is_held:  # noise hardly touches in two cycles in a row
             continue
         w.link[k] = lay.patch_link[lay.patch[peak]]
         w.patch[k] = lay.patch[peak]
