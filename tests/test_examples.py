@@ -55,6 +55,7 @@ def run(name, **changes):
 ENDED = "stop: the skin has ended\n"
 
 
+@pytest.mark.slow
 def test_the_robot_is_stopped_by_too_much_force_and_when_the_skin_ends(opened, capsys):
     run("stop_on_force.py")
     said = capsys.readouterr().out
@@ -256,6 +257,7 @@ def test_a_c_program_reads_plain_files_of_a_trusted_owner_only(read_skin, crafte
     assert read_skin(name).returncode == 1
 
 
+@pytest.mark.slow
 def test_a_c_program_reports_a_writer_that_was_killed(read_skin):
     name = f"killed-{os.getpid()}"
     command = [sys.executable, "-m", "tests.skin.shared_processes", "write", name, "0.01"]

@@ -93,6 +93,7 @@ def name():
             remove(path_of(name))
 
 
+@pytest.mark.slow
 def test_a_running_service_and_its_reader_go_on(name, tmp_path):
     state = put(tmp_path, "state.json", "{}")
     writer = [sys.executable, "-m", "tests.skin.shared_processes", "write", name, "0.005"]
@@ -109,6 +110,7 @@ def test_a_running_service_and_its_reader_go_on(name, tmp_path):
     assert state.read_text() == "{}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", TAKEN)
 def test_a_name_that_was_taken_is_an_error_at_once_after_which_the_unit_tries_again(name, kind):
     assert as_nobody({kind: lambda: TAKEN[kind](path_of(name))}) == [kind]

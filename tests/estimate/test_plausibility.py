@@ -42,6 +42,7 @@ def test_zeros_from_before_a_rail_are_taken_up_again_under_the_same_finger(rail)
     assert (skin.baseline.felt.doubt[BOARD] > doubt).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("was_touched", [False, True], ids=["free", "pressed"])
 def test_corner_stuck_at_full_scale_is_missing_whatever_touches_beside_it(was_touched):
     """Beyond a corner there may be a second contact: only its onset shows that there is none."""
@@ -74,6 +75,7 @@ DEAD_ONES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tactels", "n_seeds", "share"),
     [
@@ -120,6 +122,7 @@ def test_jumping_tactel_is_named():
     assert skin.faulty == [INNER]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("least", [800, *slow(3000)])
 def test_no_false_alarm_of_touches_anywhere_one_to_three_at_once(least):
     n, n_missing, cycles = touched(11, least)
@@ -127,6 +130,7 @@ def test_no_false_alarm_of_touches_anywhere_one_to_three_at_once(least):
     assert n_missing <= 1e-4 * cycles * N, "readings that only look so are rare"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("radius_mm", "force"),
     [

@@ -72,6 +72,7 @@ def test_board_that_froze_while_it_was_not_used_is_withheld_when_it_is_used_agai
     assert not any(withheld(skin, PRESS, 50))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.15, 0.3, *slow(0.05, 0.6)])
 def test_noise_of_less_than_a_count_makes_no_false_alarm_although_more_is_declared(noise):
     """The touch moves the readings to other parts of a step, where they change less often."""
@@ -95,6 +96,7 @@ def test_board_without_noise_that_is_tapped_at_a_steady_rate_is_not_withheld():
     assert not any(withheld(skin, NO_TOUCH, 1000))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.9])
 def test_board_that_repeats_its_readings_now_and_then_is_withheld_whenever_it_does(share):
     repeats = []
@@ -123,6 +125,7 @@ def test_board_at_a_rail_is_withheld_at_once_and_named_within_half_a_second_and_
     assert np.abs(skin.baseline.zeros - skin.zeros)[BOARD].max() < 150.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("length", [6, 19, 22, *slow(12, 24, 200)])
 @pytest.mark.parametrize("pause", [5, 100])
 def test_no_number_of_freezes_hides_the_next(length, pause):
@@ -155,6 +158,7 @@ def test_tactel_that_stops_in_a_touch_is_missing_at_its_fourth_repetition(ramp):
     assert max(n_used) <= 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bits", [8, 12])
 def test_coarse_steps_make_no_false_alarm_in_touches(bits):
     arm = coarse_arm(bits)

@@ -30,7 +30,7 @@ def board(eds="skin-patch", **options):
     return FirmwareDevice(code_of(eds), NODE, flash=bytearray(EMPTY), **options)
 
 
-@pytest.mark.parametrize("eds", BOARDS)
+@pytest.mark.parametrize("eds", [BOARDS[0], *slow(*BOARDS[1:])])
 def test_firmware_of_every_board_keeps_every_rule(eds):
     assert broken_rules(board(eds), eds, n_syncs=50) == {}
 
@@ -97,7 +97,7 @@ def test_age_of_a_sample_is_sent_with_it():
     assert frame.data[32:36] == struct.pack("<BBH", 0, 0, 123)
 
 
-@pytest.mark.parametrize("n_frames", [10_000, *slow(1_000_000)])
+@pytest.mark.parametrize("n_frames", [1_000, *slow(1_000_000)])
 def test_random_frames_do_no_harm(tmp_path, n_frames):
     write_project("skin-patch-fd32", tmp_path)
     sources = [*tmp_path.glob("core/*.c"), tmp_path / "board.c"]
@@ -161,12 +161,14 @@ def test_parameters_of_another_program_are_not_taken_but_its_node_id_is():
     assert other.get(0x1017) != 100
 
 
+@pytest.mark.slow
 def test_board_of_ones_own_keeps_every_rule(tmp_path):
     eds = str(tmp_path / "own.eds")
     run("board", "new", "--grid", "6x6", "--pitch-mm", "8", "--out", eds)
     assert broken_rules(board(eds), eds, n_syncs=50) == {}
 
 
+@pytest.mark.slow
 def test_board_with_few_objects_builds_and_keeps_every_rule(tmp_path):
     eds = EdsText(find_eds("skin-patch").read_text())
     gone = ("1016", "100c", "100d", "1400", "1600", "2023", "2070")
@@ -185,6 +187,7 @@ def assert_builds(project):
     assert (built.returncode, built.stderr) == (0, "")
 
 
+@pytest.mark.slow
 def test_project_builds_as_it_is_written(tmp_path):
     run("board", "firmware", "skin-patch", "--out", tmp_path / "own")
     assert_builds(tmp_path / "own")

@@ -94,6 +94,7 @@ FAILURES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", FAILURES.values(), ids=FAILURES)
 def test_a_triangle_that_fails_is_lost_within_three_periods_and_alone(tmp_path, change):
     rig = Rig(tmp_path, *MTB4)
@@ -130,6 +131,7 @@ def test_a_mask_that_sticks_leaves_the_other_tactels(tmp_path):
     assert not said
 
 
+@pytest.mark.slow
 def test_boards_that_restart_are_started_again(tmp_path):
     rig = Rig(tmp_path, *MTB4)
     rig.run(2000)

@@ -140,6 +140,7 @@ def test_patch_with_a_timer_of_its_own_is_used_with_the_age_of_its_frames(tmp_pa
     assert period == pytest.approx(47, abs=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("event_ms", "on_change"), [(40, False), (40, True), (0, True)])
 def test_patch_that_is_gone_is_not_used_and_is_again_when_it_is_back(tmp_path, event_ms, on_change):
     rig = FreeRig(tmp_path, by_events(event_ms, on_change=on_change), "{}")

@@ -179,6 +179,7 @@ def test_limits_are_there_from_the_first_zero_of_a_patch_on_and_then_before_it_s
     assert cleared[:2] == bytes(2)
 
 
+@pytest.mark.slow
 def test_limits_follow_zeros_unless_the_patch_is_touched(rig):
     assert news(rig, 2500) == ["patches 1, 2", ""]
     first = held(rig, 1)
@@ -204,6 +205,7 @@ def test_limits_follow_zeros_unless_the_patch_is_touched(rig):
     assert held(rig, 1)
 
 
+@pytest.mark.slow
 def test_patches_that_are_lost_or_have_implausible_tactels_do_not_guard(rig):
     rig.run(2500)
     rig.patches.changes = {1: lambda tpdo, counts: np.where(tpdo == 0, -0x8000, counts)}
@@ -213,6 +215,7 @@ def test_patches_that_are_lost_or_have_implausible_tactels_do_not_guard(rig):
     assert news(rig, 4000) == ["patches 1, 2"]
 
 
+@pytest.mark.slow
 def test_a_patch_that_does_not_hold_its_limits_is_not_started(rig):
     passed_on = rig.patches.shifted
 
@@ -232,6 +235,7 @@ def test_a_patch_that_does_not_hold_its_limits_is_not_started(rig):
     assert rig.state(1) == PatchState.OPERATIONAL
 
 
+@pytest.mark.slow
 def test_limits_are_written_anew_when_somebody_may_have_written_unheard(rig):
     rig.run(3000)
     first = held(rig, 1)

@@ -33,6 +33,7 @@ def longest_periods(rig, n):
     return np.diff([cycle.t_ns for cycle in rig.reports[n:]]).max() / rig.period_ns
 
 
+@pytest.mark.slow
 def test_a_lost_frame_costs_the_other_patches_no_cycle(rig):
     lose_one(rig)
     n = len(rig.reports)
@@ -44,6 +45,7 @@ def test_a_lost_frame_costs_the_other_patches_no_cycle(rig):
     assert not rig.violations
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("periods", [1.05, 3.2])
 def test_a_patch_that_is_late_is_tried_again_with_growing_pauses_and_never_used(rig, periods):
     rig.patches.delay = lambda node_id, tpdo: periods * rig.period_ns if node_id == MIDDLE else 0

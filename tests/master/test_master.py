@@ -38,6 +38,7 @@ def test_summary_says_counter_contacts_and_patches_alive(forearm):
     assert tuple(data[:4]) == (last.counter, len(last.contacts), 24, with_level(0, last.level))
 
 
+@pytest.mark.slow
 def test_lifted_contact_says_so_once_and_is_gone(rig):
     _, _, frames = rig.run(rig.scene.duration_s * 1e3)
     said = [(f.data[0], f.data[1] >> 4) for f in frames if f.can_id in CONTACT_IDS]

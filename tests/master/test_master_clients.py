@@ -68,6 +68,7 @@ def test_no_pdo_of_the_master_gets_an_identifier_of_a_patch(bench, cob_id):
     assert move(0x4A1) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", [cia.NmtCommand.RESET_NODE, cia.NmtCommand.RESET_COMMUNICATION])
 @pytest.mark.parametrize("while_touched", [True, False])
 def test_reset_of_the_master_takes_its_contacts_back(bench, command, while_touched):

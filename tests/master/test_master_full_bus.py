@@ -47,6 +47,7 @@ def test_126_patches_are_operational_about_as_fast_as_their_frames_can_cross_the
     assert 1.0 <= ratio <= MAX_RATIO
 
 
+@pytest.mark.slow
 def test_all_are_fresh_in_every_cycle_and_in_time(full):
     n = len(full.frames)
     cycles, events, _ = full.run(2000)

@@ -56,6 +56,7 @@ def story(tmp_path_factory):
     return Story(restarts_of(tmp_path_factory.mktemp("press")))
 
 
+@pytest.mark.slow
 def test_killed_in_a_press_it_comes_back_with_the_same_contacts_and_forces(story):
     old, new = shown(story.before[-1]), shown(story.after[-1])
     assert len(old) == 2

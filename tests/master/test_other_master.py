@@ -86,6 +86,7 @@ def test_of_masters_that_start_together_one_runs(later_us, numbers, has_patch, o
         assert (master.last_frames(bench.wire.now_ns) == []) == (k != winner)
 
 
+@pytest.mark.slow
 def test_of_two_masters_that_run_when_their_buses_are_joined_one_goes_on():
     masters = [Master(ARM, number=number) for number in (7, 3)]
     bench = Bench(patch(1))

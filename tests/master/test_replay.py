@@ -103,6 +103,7 @@ def test_contacts_on_two_buses_are_made_again_from_one_recording(tmp_path):
         assert contacts_in([frame for frame in sent if frame.bus == bus]) == contacts_in(frames)
 
 
+@pytest.mark.slow
 def test_time_never_goes_back_and_a_clock_that_was_set_costs_no_contacts(pad):
     frames = recorded(pad.frames)
     half = len(frames) // 2

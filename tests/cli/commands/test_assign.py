@@ -42,6 +42,7 @@ def test_arm_file_says_who_is_known_by_serial_number(arm_file):
     assert free == [22]
 
 
+@pytest.mark.slow
 def test_patches_get_the_node_ids_of_the_arm_file(own_bus, arm_file):
     devices = [Device(load_eds("skin-patch", 1, serial=serial), 255, storage={}) for serial in (815, 4711)]
     with own_bus.with_cores(*devices):

@@ -62,6 +62,7 @@ def test_the_same_log_gives_the_same_bytes(field, tmp_path):
     assert piped == outputs[0][0].splitlines()[1 : 1 + len(piped)]
 
 
+@pytest.mark.slow
 def test_garbage_is_counted_and_changes_nothing(field, tmp_path):
     lines = []
     for k, line in enumerate(field.read_text().splitlines()):

@@ -107,6 +107,7 @@ def test_what_cannot_be_learned_from_is_refused(change, words):
         learn_radial_law(pad(), **(good | change))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [31, pytest.param(32, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("place_sd", [0.05e-3, 0.3e-3, 0.6e-3])
 def test_errors_of_place_are_not_learned_as_gains_widths_or_the_end_of_the_law(place_sd, seed):

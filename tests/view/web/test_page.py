@@ -135,6 +135,7 @@ def scripted_tab(scripted, open_tab):
     return tab
 
 
+@pytest.mark.slow
 def test_page_says_that_the_bus_is_gone_and_goes_on_when_it_is_back(scripted, scripted_tab):
     follower, tab = scripted.source, scripted_tab
     tab.page.get_by_text("live").wait_for(state="attached")

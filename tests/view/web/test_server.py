@@ -74,6 +74,7 @@ def test_only_pages_of_the_link_with_the_token_may_change_something(shown):
     assert server.request_share_url() is None
 
 
+@pytest.mark.slow
 def test_clients_that_do_not_read_end_nothing_and_too_many_are_refused(shown):
     with ExitStack() as stack:
         links = [stack.enter_context(opened(shown)) for _ in range(CLIENTS)]
