@@ -27,11 +27,11 @@ COLLISION_BITS = 50
 """Lost by a collision: the header (19), some bits until the frames differ, and an error frame (23)."""
 
 
-def collide(frames: Frames, error_counters: Sequence[int]) -> tuple[list[int], list[int]]:
+def collide(frames: Frames, error_counters: Sequence[int]) -> tuple[list[int], list[int], int]:
     """Return how it ends when frames equal in arbitration are sent at once, given the error counters.
 
     The first are the numbers of those whose (equal) frame gets through, none if all were destroyed; the
-    others see an error and will try again.
+    others see an error and will try again. The last are the bit times lost if all were destroyed.
     """
     # Zero is dominant, FD recessive: of the bits after the identifier, the smallest in lexical order wins.
     bodies = [
@@ -40,8 +40,8 @@ def collide(frames: Frames, error_counters: Sequence[int]) -> tuple[list[int], l
     winner = min(bodies)
     losers = [i for i, body in enumerate(bodies) if body != winner]
     if all(error_counters[i] >= ERROR_PASSIVE for i in losers):
-        return [i for i, body in enumerate(bodies) if body == winner], losers
-    return [], list(range(len(frames)))
+        return [i for i, body in enumerate(bodies) if body == winner], losers, 0
+    return [], list(range(len(frames))), COLLISION_BITS
 
 
 def arbitration_key(frame: Frame) -> int:

@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable
 from heapq import heappop, heappush
 
-from skinbus.can.arbitration import BUS_OFF, COLLISION_BITS, ERROR_PENALTY, arbitration_key, collide
+from skinbus.can.arbitration import BUS_OFF, ERROR_PENALTY, arbitration_key, collide
 from skinbus.can.classic import INTERFRAME_BITS
 from skinbus.can.clock import VirtualClock
 from skinbus.can.core import NEVER, Core, DataQueue, receives
@@ -27,7 +27,7 @@ OnEvent = Callable[[Event], object]
 
 MAX_BITRATE = 1_000_000
 QUEUE_LIMIT = 4096
-"""Frames that a port may hold back; further ones are refused and counted."""
+"""Frames that a port may hold back; further ones are refused."""
 
 _LONGEST_BITS = 256
 """More than the longest classic frame (160 bits) or collision of such, or nominal phase of CAN FD."""
@@ -47,8 +47,6 @@ class Port:
         self.attached = True
         self.queued = 0
         """Frames waiting for the bus."""
-        self.refused = 0
-        """Frames the wire did not take: not classic CAN, queue full, or bus-off."""
         self.error_counter = 0
         """Transmit error counter; see ``collision``."""
 
@@ -80,8 +78,8 @@ class VirtualBus:
         self.data_bitrate = data_bitrate
         self.clock = clock or VirtualClock()
         self.ports: list[Port] = []
-        self.n_frames = 0
-        self.n_collisions = 0
+        self.collide = collide
+        """How frames that are sent at once end; another function may destroy one, as a bit error does."""
         self._ns_of_bits = [round(bits * 1_000_000_000 / bitrate) for bits in range(_LONGEST_BITS)]
         self.now_ns = self.clock.now_ns()
         """Time on the wire (ns)."""
@@ -189,7 +187,6 @@ class VirtualBus:
         fd = self.data_bitrate is not None
         for frame in frames:
             if port.queued >= QUEUE_LIMIT or port.bus_off or fault(frame, fd=fd):
-                port.refused += 1
                 continue
             port.queued += 1
             key = arbitration_key(frame)
@@ -202,7 +199,7 @@ class VirtualBus:
         for waiting in queue:
             firsts.setdefault(waiting[0].index, waiting)
         contenders = list(firsts.values())
-        winners, failed = collide(
+        winners, failed, lost_bits = self.collide(
             [frame for _, frame in contenders], [port.error_counter for port, _ in contenders]
         )
         self._flight = tuple(contenders[i] for i in winners)
@@ -211,8 +208,7 @@ class VirtualBus:
         if not queue:
             del self._queues[key]
         if failed:
-            self.n_collisions += 1
-            self._free_ns = now_ns + self._ns_of_bits[COLLISION_BITS]
+            self._free_ns = now_ns + self._ns_of_bits[lost_bits]
             for i in failed:
                 port, _ = contenders[i]
                 port.error_counter += ERROR_PENALTY
@@ -224,7 +220,7 @@ class VirtualBus:
             self._flight_end_ns, self._free_ns = now_ns + end_ns, now_ns + duration_ns
 
     def _deliver(self, now_ns: int) -> None:
-        """The last bit has passed: count, and let everybody else see the frame."""
+        """The last bit has passed: let everybody else see the frame."""
         flight, self._flight = self._flight, ()
         can_id, data, _, flags, _ = flight[0][1]
         frame = Frame(can_id, data, now_ns, flags)
@@ -233,7 +229,6 @@ class VirtualBus:
             sender.queued -= 1
             if sender.error_counter:
                 sender.error_counter -= 1
-        self.n_frames += 1
         for tap in self._taps:
             tap(frame)
         listeners = self._listeners.get((can_id, flags))
@@ -267,7 +262,6 @@ class VirtualBus:
         for key, queue in list(self._queues.items()):
             kept = deque(waiting for waiting in queue if waiting[0] is not port)
             port.queued -= len(queue) - len(kept)
-            port.refused += len(queue) - len(kept)
             self._queues[key] = kept
             if not kept:
                 del self._queues[key]

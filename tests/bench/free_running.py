@@ -90,11 +90,14 @@ def play(folder, seconds, starts_s=()):
     master = Master(scene.arm, on_cycle=note)
     timed = Timed(master)
     wires.attach(master)
+    frames = []
+    for wire in wires.wires:
+        wire.tap(frames.append)
     wires.run(4_000_000_000)
     assert master.table.is_running.all()
-    n, cpu_ns = sum(wire.n_frames for wire in wires.wires), timed.spent_ns
+    n, cpu_ns = len(frames), timed.spent_ns
     wires.run(4_000_000_000 + round(1e9 * seconds))
-    idle = (sum(w.n_frames for w in wires.wires) - n) / seconds, 1e-9 * (timed.spent_ns - cpu_ns) / seconds
+    idle = (len(frames) - n) / seconds, 1e-9 * (timed.spent_ns - cpu_ns) / seconds
     latencies, patch, truth = [], scene.arm.patches[0].patch, truth_of(scene)
     levels_pa = patch.threshold, float(EVIDENCE**0.5 * np.max(patch.noise))
     for start in starts_s:

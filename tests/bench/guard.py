@@ -10,13 +10,19 @@ from pathlib import Path
 
 import numpy as np
 
+from skinbus.objects.cia import NMT_COMMAND_ID
 from skinbus.study.draw import new_figure, save
 from tests.bench.guard_trials import ARMS, Trials, play_faults, play_quiet
 from tests.guard.rig import MS
 
 N_RANDOM, N_AT_ONCE, N_WORST = 200, 20, 40
 SLICE = 1000
-COLOURS = {"one, at any time": "tab:blue", "24 at once": "tab:green", "worst phase": "tab:red"}
+COLOURS = {
+    "one, at any time": "tab:blue",
+    "24 at once": "tab:green",
+    "worst phase": "tab:red",
+    "and a bit error": "tab:purple",
+}
 FIGURE = Path("docs/figures/guard.svg")
 
 
@@ -31,6 +37,7 @@ def main(folder):
                 "one, at any time": [trials.random() for _ in range(N_RANDOM)],
                 "24 at once": [trials.at_once() for _ in range(N_AT_ONCE)],
                 "worst phase": [trials.worst() for _ in range(N_WORST)],
+                "and a bit error": [trials.worst(NMT_COMMAND_ID) for _ in range(N_WORST)],
             }
             bound = trials.bound_ns / MS
             for kind, times in kinds.items():

@@ -6,27 +6,22 @@ import numpy as np
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import LONG, Frame
-from skinbus.config.arm_file import find_arm
 from skinbus.config.system import load_arm
 from skinbus.planning.guard import guard_bound
 from skinbus.planning.plan import plans
 from skinbus.sim import load_scene
 from skinbus.sim.sampler import Sampler
+from tests.bus.cores import Talker, destroy_one
 from tests.guard.rig import ARMED, MASTER_LOST, MS
 from tests.guard.test_fmea import SEEN
 from tests.guard.whole import AREA, GUARD, KPA, LIVENESS_MS, NEWTONS, PLATE, Whole
-from tests.planning.test_schedule import Talker, longest
+from tests.planning.test_guard import FD, guarded
+from tests.planning.test_schedule import longest
 
 TWO = '[[bus]]\nname = "a"\n[[bus]]\nname = "b"\n'
 ARMS = {
     "1 Mbit/s": (52.0, ()),
-    "CAN FD": (
-        70.0,
-        (
-            ("[arm]\n", "[arm]\ncanfd = true\ndata_bitrate = 2_000_000\n"),
-            ("first_node_id", 'eds = "skin-patch-fd"\nfirst_node_id'),
-        ),
-    ),
+    "CAN FD": (70.0, FD.items()),
     "two buses": (
         70.0,
         (
@@ -74,11 +69,7 @@ SHARE = 0.01
 
 def load_forearm(folder, changes=()):
     """Return the shipped forearm of 24 boards with a guard, and with other words."""
-    text = find_arm("forearm").read_text() + GUARD.format(patches=[*range(1, 25)])
-    for old, new in changes:
-        text = text.replace(old, new)
-    (folder / "arm.toml").write_text(text)
-    return load_arm(folder / "arm.toml")
+    return load_arm(guarded(folder, "forearm", GUARD.format(patches=[*range(1, 25)]), changes))
 
 
 class Trials:
@@ -113,15 +104,20 @@ class Trials:
         """Press one tactel of each board."""
         return self.time(self.whole.now_ns, np.arange(0, 384, 16) + self.rng.integers(16, size=24))
 
-    def worst(self):
-        """Press just after a sample; one bit before the next a long frame begins, and a command waits."""
+    def worst(self, hit_id=None):
+        """Press just after a sample; one bit before the next a long frame begins, and a command waits.
+
+        A bit error destroys a frame with the identifier ``hit_id``, if it is given.
+        """
         whole, p = self.whole, int(self.rng.integers(24))
         scans = set(whole.scans[p][-100:])
         at_ns = max(t_ns for t_ns in scans if t_ns - MS in scans) + 2 * MS + 1
         is_fd = whole.arm.bus.data_bitrate is not None
         long = Frame(0x7DE, bytes(48), flags=LONG) if is_fd else longest(0x7DE, 8)
-        whole.wire(p).attach(Talker(at_ns + MS - 1001, [long]))
-        whole.wire(p).attach(Talker(at_ns + MS - 1, [longest(0, 2)]))
+        whole.wire(p).attach(Talker([(at_ns + MS - 1001, long)]))
+        whole.wire(p).attach(Talker([(at_ns + MS - 1, longest(0, 2))]))
+        if hit_id is not None:
+            destroy_one(whole.wire(p), hit_id)
         return self.time(at_ns, [16 * p + int(self.rng.integers(16))])
 
 

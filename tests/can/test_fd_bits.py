@@ -58,6 +58,8 @@ def test_no_frame_is_longer_than_the_worst_case(frame):
 def test_what_can_fd_cannot_carry_has_a_fault_and_is_refused_by_the_wire(frame):
     assert fault(frame, fd=True)
     wire = VirtualBus(BITRATE, data_bitrate=DATA_BITRATE)
-    port = wire.attach(Talker([(0, frame)]))
+    wire.attach(Talker([(0, frame)]))
+    frames = []
+    wire.tap(frames.append)
     wire.run(1_000_000)
-    assert (wire.n_frames, port.refused) == (0, 1)
+    assert not frames

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from skinbus.can.frame import EXTENDED, RTR, Frame
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.can.wire_bits import frame_bits
-from tests.bus.cores import Talker
+from tests.bus.cores import ERROR_BITS, Talker, destroy_one
 
 BIT_NS = 1000  # at 1 Mbit/s
 SECOND_NS = 1_000_000_000
@@ -119,28 +119,38 @@ def collide(*bodies, n=1):
     ports = [wire.attach(Talker([(k * SECOND_NS, Frame(0x181, body)) for k in range(n)])) for body in bodies]
     wire.attach(listener)
     wire.run(n * SECOND_NS)
-    return wire, ports, listener.heard
+    return ports, listener.heard
 
 
 def test_equal_frames_sent_at_once_are_one_frame():
-    wire, ports, heard = collide(b"\x01\x02", b"\x01\x02")
+    ports, heard = collide(b"\x01\x02", b"\x01\x02")
     assert bare(heard) == [(0x181, b"\x01\x02", 0)]
     assert [port.queued for port in ports] == [0, 0]
-    assert wire.n_collisions == 0
+    assert [port.error_counter for port in ports] == [0, 0]
 
 
 def test_different_frames_of_one_identifier_destroy_each_other_until_one_port_is_passive():
-    wire, ports, heard = collide(b"\x01", b"\x02")
+    ports, heard = collide(b"\x01", b"\x02")
     # 16 errors of 8 make both error passive; then the dominant one (0x01 < 0x02) gets through.
-    assert wire.n_collisions == 17
     assert bare(heard) == [(0x181, b"\x01", 0), (0x181, b"\x02", 0)]
     assert [port.error_counter for port in ports] == [127, 135]
     assert heard[0].t_ns > 16 * (19 + 7 + 23) * BIT_NS  # header, equal bits and error frame of each
 
 
 def test_frames_of_different_length_collide_in_the_length_field():
-    _, _, heard = collide(b"\x00\x00", b"\xff")
+    _, heard = collide(b"\x00\x00", b"\xff")
     assert [frame.data for frame in heard] == [b"\xff", b"\x00\x00"]
+
+
+def test_frame_that_a_bit_error_destroys_is_repeated_after_what_wins_meanwhile():
+    frame, urgent, listener, wire = Frame(0x181, b"\x01"), Frame(0x080), Talker(), VirtualBus()
+    port, *_ = [wire.attach(core) for core in (Talker([(0, frame)]), Talker([(10, urgent)]), listener)]
+    destroy_one(wire, frame.can_id)
+    wire.run(SECOND_NS)
+    assert bare(listener.heard) == bare([urgent, frame])
+    bits = 2 * frame_bits(frame) + ERROR_BITS + frame_bits(urgent)
+    assert listener.heard[1].t_ns == BIT_NS * (bits - 3)
+    assert port.error_counter == 8 - 1
 
 
 def test_port_in_bus_off_is_silent_and_deaf_until_restarted():

@@ -6,24 +6,19 @@ import signal
 import pytest
 
 from skinbus.bus.pythoncan import PythonCanBus
-from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
 from skinbus.cli.host import Host
 from skinbus.cli.stop_signals import Ending
 from skinbus.objects import cia
 from skinbus.skin.addresses import BusAddress
+from tests.bus.cores import Talker
 
 ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 FAREWELL = Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.PRE_OPERATIONAL, 0]))
 
 
-class Idle(Core):
-    """A core that does nothing for ever."""
-
-    cob_ids = frozenset()
-
-    def step(self, now_ns, frames):
-        return Step((), (), NEVER)
+class Idle(Talker):
+    """A core that says nothing until its end."""
 
     def last_frames(self, now_ns):
         return [FAREWELL]

@@ -9,8 +9,9 @@ from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm
 from skinbus.guard.watch import Phase, RegionPeaks
 from skinbus.objects.guard import GuardLimits
+from tests.bus.cores import Repeater
 from tests.guard.rig import GFC, LOST, MS
-from tests.guard.whole import PLATE, Talker, Whole
+from tests.guard.whole import PLATE, Whole
 from tests.master.misbehaving import Tool
 
 PAGE = Path(__file__).parents[2] / "docs/guard.md"
@@ -64,7 +65,7 @@ def write_unheard(whole):
 
 def babble(whole, can_id):
     """Somebody fills the bus; it is pressed."""
-    whole.join(Talker(Frame(can_id, bytes(8)), 100_000))
+    whole.join(Repeater(Frame(can_id, bytes(8)), 100_000))
     press(whole)
 
 
@@ -80,7 +81,7 @@ def master_dies(whole):
 def master_hangs(whole):
     """It beats, and zeros drift by 10 kPa in an hour that is not waited for."""
     master_dies(whole)
-    whole.join(Talker(Frame(0x77F, b"\x05"), 500 * MS))
+    whole.join(Repeater(Frame(0x77F, b"\x05"), 500 * MS))
     whole.press(np.arange(16), 10.0)
 
 

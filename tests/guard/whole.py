@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.core import NEVER
 from skinbus.can.event import EventKind
 from skinbus.can.virtual_buses import VirtualBuses
 from skinbus.config.system import ods_of
@@ -13,6 +13,7 @@ from skinbus.guard.stops import parse_stop
 from skinbus.guard.watch import Guard, Phase
 from skinbus.master import Master
 from skinbus.node import Device, PatchHost, Sample
+from tests.bus.cores import Talker
 from tests.guard.rig import GFC, MS, QUICK_STOP
 from tests.master.misbehaving import Wrapped
 
@@ -59,18 +60,6 @@ class Plug(Wrapped):
     def step(self, now_ns, frames):
         step = self.device.step(now_ns, [*filter(self.hears, frames)])
         return step._replace(frames=[*filter(self.says, step.frames)])
-
-
-class Talker(Core):
-    """Somebody who says the same again and again, or once."""
-
-    cob_ids = frozenset()
-
-    def __init__(self, frame, every_ns=NEVER):
-        self.frame, self.every_ns = frame, every_ns
-
-    def step(self, now_ns, frames):
-        return Step([self.frame], (), now_ns + self.every_ns)
 
 
 class Whole:
@@ -160,7 +149,7 @@ class Whole:
     def say(self, *frames):
         """Let somebody say something on the first bus."""
         for frame in frames:
-            self.join(Talker(frame))
+            self.join(Talker([(0, frame)]))
 
     def repair(self):
         """Undo what was done to anybody, on one bus."""

@@ -76,6 +76,19 @@ class Wrapped(Core):
         return self.device.step(now_ns, frames)
 
 
+class Stubborn(Wrapped):
+    """A board that takes another value of an object and keeps its own."""
+
+    def __init__(self, device, *value):
+        super().__init__(device)
+        self.value = value
+
+    def step(self, now_ns, frames):
+        step = self.device.step(now_ns, frames)
+        self.device.set(*self.value)
+        return step
+
+
 class Delayed(Wrapped):
     """Boards whose frames pass through ``later(now_ns, frame)``: those to send for one, and when (ns)."""
 

@@ -4,7 +4,6 @@ import struct
 
 import numpy as np
 
-from skinbus.can.core import Core, Step
 from skinbus.can.frame import Frame
 from skinbus.objects import cia
 from tests.master.misbehaving import Delayed
@@ -49,20 +48,8 @@ class Misbehaving(Delayed):
         return sent + [(now_ns + self.second_ns, other)] * (node_id in self.doubled)
 
 
-class Foreign(Core):
-    """Another master: SYNC with a counter from ``begin_ns`` to ``end_ns``."""
-
-    def __init__(self, rate_hz, begin_ns, end_ns):
-        self.period_ns = round(1e9 / rate_hz)
-        self.next_ns, self.end_ns = begin_ns, end_ns
-
-    def step(self, now_ns, frames):
-        if now_ns < self.next_ns:
-            return Step((), (), self.next_ns)
-        self.next_ns += self.period_ns
-        if self.next_ns >= self.end_ns:
-            self.next_ns = 2**62
-        return Step((Frame(cia.SYNC_ID, bytes([1])),), (), self.next_ns)
+OTHER_SYNC = Frame(cia.SYNC_ID, bytes([1]))
+"""Of another master: with a counter."""
 
 
 class MisbehavingRig(Rig):

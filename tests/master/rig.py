@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.core import Step
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.master import Master
 from skinbus.sim import World, load_scene
+from tests.bus.cores import Talker
 from tests.master.misbehaving import Wrapped
 
 MS = 1_000_000
@@ -57,19 +58,6 @@ class Patches(Wrapped):
         return frame._replace(data=np.clip(counts, -0x8000, 0x7FFF).astype("<i2").tobytes())
 
 
-class Stranger(Core):
-    """Somebody else on the bus, who says what a test gives it to say and listens to nothing."""
-
-    cob_ids = frozenset()
-
-    def __init__(self):
-        self.waiting = []
-
-    def step(self, now_ns, frames):
-        out, self.waiting = self.waiting, []
-        return Step(out, (), NEVER)
-
-
 class Rig:
     """Everything that a test looks at; ``boards`` wraps the world."""
 
@@ -87,7 +75,7 @@ class Rig:
         self.port = self.wire.attach(self.patches)
         self.master_port = self.wire.attach(self.master, on_event=self.events.append)
         self.wire.tap(self.frames.append)
-        self.stranger = Stranger()
+        self.stranger = Talker((), frozenset())
         self._stranger_port = self.wire.attach(self.stranger)
 
     def take(self, report):
@@ -104,7 +92,7 @@ class Rig:
 
     def say(self, *frames):
         """Let somebody else send frames at once."""
-        self.stranger.waiting += frames
+        self.stranger.plan += [(0, frame) for frame in frames]
         self.wire.wake(self._stranger_port)
 
     def device(self, node_id):

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from skinbus.can.event import EventKind
+from tests.bus.cores import Repeater
 from tests.marks import slow
-from tests.master.misbehaving_rig import Foreign, MisbehavingRig, booted
+from tests.master.misbehaving_rig import OTHER_SYNC, MisbehavingRig, booted
 from tests.master.rig import MS
 
 
@@ -55,7 +56,7 @@ def test_patch_that_never_answers_in_full_costs_the_others_no_latency():
 def test_nothing_is_fresh_while_another_master_sends_sync():
     rig = booted("pad")
     now_ns = rig.wire.clock.now_ns()
-    rig.wire.attach(Foreign(70.0, now_ns + 7 * MS, now_ns + 3000 * MS))
+    rig.wire.attach(Repeater(OTHER_SYNC, round(1e9 / 70), now_ns + 7 * MS, now_ns + 3000 * MS))
     rig.run(30)
     assert rig.fresh(2900) == 0.0
     assert EventKind.OTHER_MASTER in rig.kinds()

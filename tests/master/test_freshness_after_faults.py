@@ -4,9 +4,9 @@ from functools import partial
 
 import pytest
 
-from skinbus.can.core import Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
+from tests.bus.cores import Repeater
 from tests.marks import slow
 from tests.master.full_queue import FullQueue
 from tests.master.misbehaving_rig import booted
@@ -53,25 +53,14 @@ def test_after_an_interface_that_went_and_patches_that_come_back_later(absent_ms
     assert_back(rig)
 
 
-class Babbler(Core):
-    """A node that sends under the identifier of another."""
-
-    def __init__(self, can_id, end_ns, every_ns):
-        self.can_id, self.end_ns, self.every_ns = can_id, end_ns, every_ns
-
-    def step(self, now_ns, frames):
-        if now_ns >= self.end_ns:
-            return Step((), (), 2**62)
-        return Step((Frame(self.can_id, bytes([0xFF] * 8)),), (), now_ns + self.every_ns)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("phase_ms", [9, *slow(0, 3, 17)])
 def test_after_a_node_that_babbled_under_the_identifier_of_a_patch(phase_ms):
     rig = booted("pad")
     rig.run(20 + phase_ms)
     now_ns = rig.wire.clock.now_ns()
-    rig.wire.attach(Babbler(0x181, now_ns + 700 * MS, MS // 3))
+    babble = Frame(0x181, bytes([0xFF] * 8))
+    rig.wire.attach(Repeater(babble, MS // 3, end_ns=now_ns + 700 * MS))
     assert rig.fresh(700).max() == 0.0
     assert_back(rig)
 

@@ -10,9 +10,10 @@ from skinbus.config.system import load_arm
 from skinbus.master import Master
 from skinbus.master.other_master import GONE_NS
 from skinbus.objects.cia import EmcyCode
+from tests.bus.cores import Repeater
 from tests.master.commission import Bench, patch
 from tests.master.faults_rig import emcy
-from tests.master.misbehaving_rig import Foreign
+from tests.master.misbehaving_rig import OTHER_SYNC
 from tests.master.rig import MS, Rig
 
 SYNC = 0x080
@@ -29,7 +30,7 @@ def test_another_master_is_reported_once_when_it_comes_and_once_when_it_is_gone(
     rig.run(1000)
     assert not told(rig.events)
     begin_ns = rig.wire.now_ns + 3 * MS
-    rig.wire.attach(Foreign(1000 / 17, begin_ns, begin_ns + 500 * MS))
+    rig.wire.attach(Repeater(OTHER_SYNC, 17 * MS, begin_ns, begin_ns + 500 * MS))
     reports, events, frames = rig.run(500)
     assert told(events) == [EventKind.OTHER_MASTER]
     assert (EmcyCode.COMMUNICATION, SYNC) in emcy(frames)

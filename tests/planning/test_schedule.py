@@ -2,7 +2,6 @@
 
 import pytest
 
-from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.can.wire_bits import frame_bits
@@ -16,6 +15,7 @@ from skinbus.planning.schedule import (
     response_times,
 )
 from skinbus.planning.traffic import traffic
+from tests.bus.cores import Talker
 
 MS = 1_000_000
 
@@ -40,23 +40,6 @@ def test_response_time_of_patches_delays_every_reading_by_at_least_itself():
             assert later[m.cob_id] >= at_once[m.cob_id] + 200_000
 
 
-class Talker(Core):
-    """A core that sends what it is told when it is told, and answers the SYNC with its readings."""
-
-    cob_ids = frozenset()
-
-    def __init__(self, at_ns, frames, readings=()):
-        self.at_ns, self.frames, self.readings = at_ns, frames, readings
-        self.cob_ids = frozenset({0x80}) if readings else frozenset()
-
-    def step(self, now_ns, frames):
-        out = list(self.readings) if frames else []
-        if now_ns >= self.at_ns:
-            out += self.frames
-            self.at_ns = NEVER
-        return Step(out, (), self.at_ns)
-
-
 def longest(can_id, length):
     """A frame with as many stuff bits as simple patterns give: groups of five, then four equal bits."""
     candidates = []
@@ -78,15 +61,15 @@ def test_wire_in_the_critical_instant_stays_below_the_bound_and_near_it(name):
     # One bit before the SYNC a long frame of low priority has begun; NMT and EMCY come along with the SYNC.
     sync_ns = 1_000_000
     bit_ns = 1_000_000_000 // bitrate
-    blocker = Talker(sync_ns - bit_ns, [longest(0x67F, 8)])
+    blocker = Talker([(sync_ns - bit_ns, longest(0x67F, 8))])
     lengths = {"NMT": 2, "SYNC": 1, "EMCY 1": 8}
-    first = [longest(m.cob_id, lengths[m.name]) for m in messages if m.name in lengths]
+    first = [(sync_ns, longest(m.cob_id, lengths[m.name])) for m in messages if m.name in lengths]
     readings = [longest(m.cob_id, 8) for m in messages if m.release is Release.READING]
 
     wire = VirtualBus(bitrate)
     ends = {}
     wire.tap(lambda frame: ends.setdefault(frame.can_id, frame.t_ns))
-    for core in (blocker, Talker(sync_ns, first), Talker(NEVER, [], readings)):
+    for core in (blocker, Talker(first), Talker((), frozenset({0x80}), readings)):
         wire.attach(core)
     wire.run(sync_ns + 20 * MS)
 

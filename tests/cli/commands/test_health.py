@@ -28,9 +28,10 @@ def state(tmp_path):
     return tmp_path / "state"
 
 
-def test_a_healthy_board_has_nothing_to_do(tables, state):
+def test_a_healthy_board_has_nothing_to_do_and_of_another_arm_nothing_is_known(tables, state):
     health_file(state).save(tables["good"])
-    assert "nothing to do" in run("doctor", "health", "pad", "--state", state)
+    for arm, wanted in (("pad", "nothing to do"), ("forearm", "not commissioned yet")):
+        assert wanted in run("doctor", "health", arm, "--state", state)
 
 
 def test_a_board_that_was_seen_too_briefly_is_not_commissioned_yet(state):
@@ -49,8 +50,3 @@ def test_what_changed_is_named_with_what_to_do(tables, state):
     assert "node 1 tactels 1-3: noise 3 times that at commissioning" in said
     assert "node 1 tactel 8: zeros" in said
     assert "replace the board" in said
-
-
-def test_of_another_arm_nothing_is_known(tables, state):
-    health_file(state).save(tables["good"])
-    assert "not commissioned yet" in run("doctor", "health", "forearm", "--state", state)

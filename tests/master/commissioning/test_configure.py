@@ -11,9 +11,10 @@ from skinbus.node import Device
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 from skinbus.objects.settings import freeze
+from tests.bus.cores import Repeater
 from tests.master.commission import Bench, patch
-from tests.master.misbehaving import Wrapped
-from tests.master.misbehaving_rig import Foreign
+from tests.master.misbehaving import Stubborn
+from tests.master.misbehaving_rig import OTHER_SYNC
 
 TOUCH, RELEASE = (0x2030, 1), (0x2030, 2)
 THRESHOLD = freeze({"Touch Pa": 1500})
@@ -95,17 +96,8 @@ def test_patch_that_cannot_store_says_so():
     assert device.get(*TOUCH) == 1500
 
 
-class Liar(Wrapped):
-    """A patch that takes a value and keeps another."""
-
-    def step(self, now_ns, frames):
-        step = self.device.step(now_ns, frames)
-        self.device.set(*TOUCH, 999)
-        return step
-
-
 def test_value_that_did_not_stay_is_found_by_reading_back():
-    result = configured(Liar(patch(3)), plans([3]))
+    result = configured(Stubborn(patch(3), *TOUCH, 999), plans([3]))
     assert result.outcome is Provision.REFUSED
     assert "0x2030:01" in result.reason
 
@@ -125,7 +117,7 @@ def test_what_the_arm_file_no_longer_names_goes_back_to_its_default(settings):
 
 
 def test_nothing_is_sent_while_a_master_is_at_work():
-    bench = Bench(patch(3), Foreign(50.0, 0, 2**60))
+    bench = Bench(patch(3), Repeater(OTHER_SYNC, 20_000_000))
     core = Configurer(plans([3]))
     events = bench.run(core)
     assert [event.kind for event in events][:1] == [EventKind.OTHER_MASTER]

@@ -9,9 +9,10 @@ from skinbus.master.commissioning.node_id_assignment import Address, Assigned, A
 from skinbus.node import Device
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
+from tests.bus.cores import Repeater
 from tests.master.commission import Bench, patch
 from tests.master.misbehaving import Late, Wrapped
-from tests.master.misbehaving_rig import Foreign
+from tests.master.misbehaving_rig import OTHER_SYNC
 
 UNCONFIGURED = 255
 VENDOR, PRODUCT, REVISION = 0x534B4E42, 0x5001, 0x10000
@@ -200,7 +201,7 @@ def test_node_that_cannot_store_has_its_node_id_until_it_is_switched_off():
 
 def test_nothing_is_changed_while_a_master_is_at_work():
     device = patch(UNCONFIGURED, serial=1)
-    bench = Bench(device, Foreign(50.0, 0, 2**60))
+    bench = Bench(device, Repeater(OTHER_SYNC, 20_000_000))
     core = Assigner(free=[1])
     bench.run(core)
     with pytest.raises(BusError, match="a master is at work"):

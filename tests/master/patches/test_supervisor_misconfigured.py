@@ -5,7 +5,7 @@ import pytest
 from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
 from tests.master.commission import Bench, patch
-from tests.master.misbehaving import SAVE, Tool, Wrapped, all_pdos_off, swapped_mappings
+from tests.master.misbehaving import SAVE, Stubborn, Tool, all_pdos_off, swapped_mappings
 from tests.master.rig import Rig
 
 NODE = 1
@@ -60,17 +60,8 @@ def test_stored_change_of_another_tool_is_repaired_before_the_start(name):
     assert bench.reports[-1].n_fresh == 1
 
 
-class Stubborn(Wrapped):
-    """It takes a new transmission type and keeps the old one."""
-
-    def step(self, now_ns, frames):
-        step = self.device.step(now_ns, frames)
-        self.device.set(0x1801, 2, 0xFF)
-        return step
-
-
 def test_patch_that_does_not_take_what_the_pipeline_needs_is_wrong_and_never_started():
-    bench = Bench(Stubborn(patch(NODE)))
+    bench = Bench(Stubborn(patch(NODE), 0x1801, 2, 0xFF))
     master = bench.start()
     bench.pass_ms(2000)
     assert master.table.state[0] == PatchState.WRONG
@@ -93,4 +84,4 @@ def test_change_of_another_tool_while_it_runs_is_not_used_and_taken_back():
     assert any("another client writes" in event.detail for event in rig.events)
     assert not any(report.n_fresh for report in rig.reports[n + 1 : n + 50])  # n: under way when it began
     assert rig.reports[-1].n_fresh == 1
-    assert not rig.wire.n_collisions
+    assert not any(port.error_counter for port in rig.wire.ports)
