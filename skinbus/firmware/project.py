@@ -162,6 +162,8 @@ def _texts(eds: str, layout: ImageLayout) -> tuple[str, str]:
         "DEFAULTS": len(image),
         "IMAGE": n_bytes,
         "N_LIMITS": len(limits),
+        "TEXT_ROOM": 2048,  # for each text that can be written
+        "PROGRAM_BYTES": 0,  # no program download
         **_services(eds, layout, runs, pdos),
     }
     tables = [

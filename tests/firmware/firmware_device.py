@@ -123,11 +123,7 @@ class FirmwareDevice(Core):
 
     @property
     def node_id(self):
-        return self.library.library_state(self._at) >> 8 & 0xFF
-
-    @property
-    def dropped(self):
-        return self.library.library_state(self._at) >> 16
+        return self.library.library_state(self._at) >> 8
 
     runs_freely = False
     """The shipped boards send on SYNC."""

@@ -92,7 +92,7 @@ struct sb_board *library_init(struct library *library, uint8_t node_id, uint32_t
 
 uint32_t library_state(const struct sb_board *b)
 {
-    return b->state | (uint32_t)b->node_id << 8 | (b->dropped & 0xFFFF) << 16;
+    return b->state | (uint32_t)b->node_id << 8;
 }
 
 /* Put the identifiers that the board listens to, those of remote frames with bit 15; return how many. */

@@ -88,8 +88,8 @@ void sb_lss_receive(struct sb_board *b, const struct sb_frame *frame)
     const uint8_t *data = frame->data, command = data[0];
     const uint32_t number = sb_load(&data[1], 4);
     if (frame->length != 8)
-        b->dropped++;
-    else if (command == SWITCH_GLOBAL)
+        return;
+    if (command == SWITCH_GLOBAL)
         switch_global(b, data[1]);
     else if (command == IDENTIFY_UNCONFIGURED) {
         if (is_unconfigured(b))

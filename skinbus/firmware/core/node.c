@@ -95,9 +95,10 @@ bool sb_error_end(struct sb_board *b, uint16_t code, const uint8_t *data)
     return is_gone;
 }
 
-/* An error is there, or it is not; each change is told once. */
-void sb_report(struct sb_board *b, uint16_t code, const uint8_t *data, bool is_there)
+/* An error is there, or it is not; each change is told once. Its data name an object, an identifier or a node. */
+void sb_report(struct sb_board *b, uint16_t code, uint16_t of, bool is_there)
 {
+    const uint8_t data[5] = {(uint8_t)of, (uint8_t)(of >> 8)};
     if (is_there)
         sb_error(b, code, 0, data);
     else
@@ -147,16 +148,10 @@ static uint8_t watched_id(uint32_t value)
     return value & 0xFFFF && node_id < 128 ? (uint8_t)node_id : 0;
 }
 
-static void report_watched(struct sb_board *b, const struct sb_watched *node, bool is_lost)
-{
-    const uint8_t data[5] = {watched_id(node->value)};
-    sb_report(b, ERROR_HEARTBEAT, data, is_lost);
-}
-
 static void hear(struct sb_board *b, struct sb_watched *node, uint32_t time_ms)
 {
     node->due = sb_after(b, time_ms);
-    report_watched(b, node, false);
+    sb_report(b, ERROR_HEARTBEAT, watched_id(node->value), false);
 }
 
 static void guarding_receive(struct sb_board *b, const struct sb_frame *frame)
@@ -178,7 +173,7 @@ static void watch(struct sb_board *b)
         if (value == b->watched[i].value)
             continue;
         if (watched_id(b->watched[i].value))
-            report_watched(b, &b->watched[i], false);
+            sb_report(b, ERROR_HEARTBEAT, watched_id(b->watched[i].value), false);
         b->watched[i] = (struct sb_watched){SB_NEVER, value};
     }
 }
@@ -196,10 +191,8 @@ static void heartbeat_receive(struct sb_board *b, const struct sb_frame *frame)
 {
     struct sb_watched *node = watched_of(b, frame->id);
     const uint8_t state = frame->data[0] & 0x7F;
-    if (frame->length != 1 || (state != SB_INITIALISING && state != SB_STOPPED && state != SB_OPERATIONAL &&
-                               state != SB_PRE_OPERATIONAL))
-        b->dropped++;
-    else /* after a boot-up the next heartbeat may be long in coming */
+    if (frame->length == 1 && (state == SB_INITIALISING || state == SB_STOPPED || state == SB_OPERATIONAL ||
+                               state == SB_PRE_OPERATIONAL)) /* after a boot-up the next one may be long in coming */
         hear(b, node, state == SB_INITIALISING ? 0 : node->value & 0xFFFF);
 }
 
@@ -212,7 +205,7 @@ static uint64_t watched_tick(struct sb_board *b)
         if (b->now >= node->due) {
             node->due = SB_NEVER;
             is_lost = true;
-            report_watched(b, node, true);
+            sb_report(b, ERROR_HEARTBEAT, watched_id(node->value), true);
         }
         wake = sb_earlier(wake, node->due);
     }
@@ -226,11 +219,9 @@ static uint64_t watched_tick(struct sb_board *b)
 static void sync_receive(struct sb_board *b, const struct sb_frame *frame)
 {
     const uint32_t window = sb_get(b, 0x1007, 0);
-    sb_report(b, ERROR_SYNC_LENGTH, NULL, frame->length != (sb_get(b, 0x1019, 0) ? 1 : 0));
-    if (frame->length > 1) { /* with a counter too many or too few it counts all the same */
-        b->dropped++;
+    sb_report(b, ERROR_SYNC_LENGTH, 0, frame->length != (sb_get(b, 0x1019, 0) ? 1 : 0));
+    if (frame->length > 1) /* with a counter too many or too few it counts all the same */
         return;
-    }
     if (window) {
         const uint32_t age = frame->t_us ? (uint32_t)b->now - frame->t_us : 0;
         b->sync_closes = b->now - (age >> 31 ? 0 : age) + window;
@@ -336,7 +327,6 @@ void sb_init(struct sb_board *b, uint8_t node_id, uint32_t serial, size_t flash_
     sb_load_defaults(b, true);
     if (serial)
         sb_put(b, 0x1018, 4, serial);
-    sb_pdo_configure(b);
 }
 
 static void be_booted(struct sb_board *b, uint32_t now_us)
@@ -378,9 +368,7 @@ void sb_receive(struct sb_board *b, const struct sb_frame *frame, uint32_t now_u
 {
     be_booted(b, now_us);
     receiver *const receive = receiver_of(b, frame->id, frame->flags & SB_REMOTE);
-    if (receive && frame->flags & SB_FD)
-        b->dropped++;
-    else if (receive)
+    if (receive && !(frame->flags & SB_FD))
         receive(b, frame);
 }
 
@@ -396,7 +384,5 @@ uint32_t sb_poll(struct sb_board *b, uint32_t now_us)
     }
     for (unsigned i = 0; i < sizeof ticks / sizeof *ticks; i++)
         wake = sb_earlier(wake, ticks[i](b));
-    if (wake <= b->now)
-        return 1;
-    return wake - b->now < UINT32_MAX ? (uint32_t)(wake - b->now) : UINT32_MAX;
+    return (uint32_t)sb_earlier(wake > b->now ? wake - b->now : 1, UINT32_MAX);
 }

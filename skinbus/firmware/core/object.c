@@ -142,7 +142,8 @@ uint32_t sb_read(struct sb_board *b, uint16_t index, uint8_t sub, uint8_t **data
     const uint32_t code = sb_permit(index, sub, SB_READ);
     if (code)
         return code;
-    sb_program_show(b);
+    sb_put(b, SB_PROGRAM_CONTROL, 1, b->program_status);
+    sb_put(b, SB_PROGRAM_SOFTWARE, 1, b->program_crc);
     if (index == SB_READINGS && sub)
         sb_sample(b);
     else if (index == SB_CHECKSUM)

@@ -7,7 +7,7 @@ enum { COB_ID = 1, TYPE = 2, INHIBIT = 3, TIMER = 5, START = 6 };
 enum { ACYCLIC = 0, SYNC_MOST = 240, EVENT = 254 };
 enum { UPPER = 1, LOWER = 2, DELTA = 4 };
 #define TO_MAPPING 0x200
-static const uint8_t window_tag[5] = {0x07, 0x10}; /* EMCY data: 0x1007 */
+#define WINDOW 0x1007
 
 static bool is_cyclic(const struct sb_pdo *pdo)
 {
@@ -246,7 +246,7 @@ static void send_synchronous(struct sb_board *b, uint8_t counter)
     const bool is_late = b->now > b->sync_closes;
     bool is_missed = false;
     if (!is_late)
-        sb_report(b, ERROR_COMMUNICATION, window_tag, false);
+        sb_report(b, ERROR_COMMUNICATION, WINDOW, false);
     for (unsigned pass = 0; pass < 2; pass++) /* those of every SYNC first */
         for (struct sb_pdo *pdo = b->pdos; pdo < b->pdos + SB_N_PDOS; pdo++) {
             const bool is_every = pdo->type == 1 && !pdo->start;
@@ -257,17 +257,10 @@ static void send_synchronous(struct sb_board *b, uint8_t counter)
                 send(b, pdo);
         }
     if (is_missed) /* a late PDO would be taken for that of the next SYNC */
-        sb_report(b, ERROR_COMMUNICATION, window_tag, true);
+        sb_report(b, ERROR_COMMUNICATION, WINDOW, true);
 }
 
 /* --- RPDOs ---------------------------------------------------------------------------------------- */
-
-/* An error of an RPDO came or went; its identifier is in the data of the EMCY. */
-static void report(struct sb_board *b, uint16_t id, uint16_t code, bool is_there)
-{
-    const uint8_t data[5] = {(uint8_t)id, (uint8_t)(id >> 8)};
-    sb_report(b, code, data, is_there);
-}
 
 /* Store all values of an RPDO, or none if one of them may not be. */
 static void apply(struct sb_board *b, const struct sb_pdo *pdo, const uint8_t *from)
@@ -282,10 +275,8 @@ static void apply(struct sb_board *b, const struct sb_pdo *pdo, const uint8_t *f
             if (pass == 2)
                 sb_set(b, slot->index, slot->sub, value, sb_find(slot->index, slot->sub)->size);
             else if (pass ? b->on_write && b->on_write(b, slot->index, slot->sub, value)
-                          : sb_check(sb_find(slot->index, slot->sub), value)) {
-                b->dropped++;
+                          : sb_check(sb_find(slot->index, slot->sub), value))
                 return;
-            }
         }
     }
 }
@@ -303,22 +294,19 @@ void sb_rpdo_receive(struct sb_board *b, const struct sb_frame *frame)
     for (struct sb_pdo *pdo = b->pdos; pdo < b->pdos + SB_N_RPDOS; pdo++) {
         if (!pdo->valid || pdo->id != frame->id)
             continue;
-        report(b, pdo->id, ERROR_PDO_LENGTH, frame->length < pdo->length);
-        if (frame->length < pdo->length) {
-            b->dropped++;
+        sb_report(b, ERROR_PDO_LENGTH, pdo->id, frame->length < pdo->length);
+        if (frame->length < pdo->length)
             continue;
-        }
         /* the bytes that are mapped count (CiA 301, 7.2.2.2) */
-        report(b, pdo->id, ERROR_PDO_TOO_LONG, frame->length > pdo->length);
-        report(b, pdo->id, ERROR_RPDO_TIMEOUT, false);
+        sb_report(b, ERROR_PDO_TOO_LONG, pdo->id, frame->length > pdo->length);
+        sb_report(b, ERROR_RPDO_TIMEOUT, pdo->id, false);
         pdo->due = sb_after(b, pdo->timer);
         if (pdo->type > SYNC_MOST)
             apply(b, pdo, frame->data);
         else if (b->now <= b->sync_closes) {
             pdo->is_waiting = true;
             memcpy(pdo->data, frame->data, sizeof pdo->data);
-        } else
-            b->dropped++;
+        }
     }
 }
 
@@ -362,24 +350,23 @@ void sb_pdo_enter(struct sb_board *b)
 void sb_pdo_changed(struct sb_board *b, uint16_t index)
 {
     struct sb_pdo *pdo = pdo_of(b, index);
-    const bool was_valid = pdo && pdo->valid;
     if (!pdo)
         return;
+    const bool was_valid = pdo->valid;
     const uint16_t id = pdo->id, type = pdo->type, timer = pdo->timer;
     compile(b, pdo);
-    if (pdo->is_sent) {
-        if (!was_valid || type != pdo->type || timer != pdo->timer)
-            start(b, pdo);
+    if (pdo->is_sent && (!was_valid || type != pdo->type || timer != pdo->timer))
+        start(b, pdo);
+    if (pdo->is_sent)
         return;
-    }
     pdo->is_waiting = false;
     if (!pdo->valid || !pdo->timer) {
         pdo->due = SB_NEVER;
-        report(b, id, ERROR_RPDO_TIMEOUT, false);
+        sb_report(b, ERROR_RPDO_TIMEOUT, id, false);
     }
     if (!pdo->valid) { /* nothing will come that could end them */
-        report(b, id, ERROR_PDO_LENGTH, false);
-        report(b, id, ERROR_PDO_TOO_LONG, false);
+        sb_report(b, ERROR_PDO_LENGTH, id, false);
+        sb_report(b, ERROR_PDO_TOO_LONG, id, false);
     }
 }
 
@@ -396,7 +383,7 @@ uint64_t sb_pdo_tick(struct sb_board *b)
             pdo->free = b->now + 100u * pdo->inhibit;
             pdo->due = pdo->is_sent ? sb_after(b, pdo->timer) : SB_NEVER;
             if (!pdo->is_sent)
-                report(b, pdo->id, ERROR_RPDO_TIMEOUT, true);
+                sb_report(b, ERROR_RPDO_TIMEOUT, pdo->id, true);
             else {
                 if (pdo->has_readings && !is_sampled)
                     sample_for_pdos(b, 0); /* PDOs carry the values of the moment */

@@ -62,13 +62,6 @@ unsigned sb_program_choose(struct sb_board *b, bool is_start)
     return head.magic ? SB_PROGRAMS + b->program_slot : 0;
 }
 
-/* Put what objects hold where they are read. */
-void sb_program_show(struct sb_board *b)
-{
-    sb_put(b, SB_PROGRAM_CONTROL, 1, b->program_status);
-    sb_put(b, SB_PROGRAM_SOFTWARE, 1, b->program_crc);
-}
-
 void sb_program_confirm(struct sb_board *b)
 {
     if (b->program_status == SB_ON_TRIAL && put(b, b->program_slot, CONFIRMED, 0, 0))

@@ -132,10 +132,8 @@ void sb_sdo_receive(struct sb_board *b, const struct sb_frame *frame)
 {
     const uint8_t *data = frame->data;
     const uint8_t command = data[0] >> 5;
-    if (frame->length != 8) {
-        b->dropped++;
+    if (frame->length != 8)
         return;
-    }
     if ((b->sdo_command == DOWNLOAD && command == DOWNLOAD_SEGMENT) ||
         (b->sdo_command == UPLOAD && command == UPLOAD_SEGMENT)) {
         if ((data[0] & TOGGLE) != b->sdo_toggle) {

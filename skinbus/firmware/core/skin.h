@@ -10,19 +10,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "board.h" /* made from the EDS: sizes, and the tables declared below */
+#include "board.h" /* made from the EDS: sizes, which the Makefile may replace, and the tables declared below */
 
-#ifndef SB_TEXT_ROOM
-#define SB_TEXT_ROOM 2048 /* bytes of RAM, and of flash, for each text that can be written (residual map) */
-#endif
 #define SB_ERRORS 16   /* errors that are there at once */
 #define SB_WAITING 32  /* EMCY messages that wait */
 #define SB_NOWHERE 0xFFFFu
 #define SB_UNCONFIGURED 0xFFu /* node-ID of a board that has none */
 #define SB_NEVER UINT64_MAX
-#ifndef SB_PROGRAM_BYTES
-#define SB_PROGRAM_BYTES 0 /* of each of pages 2 and 3 of flash, a multiple of 8; 0: no program download */
-#endif
 #define SB_PROGRAMS 2u
 #define SB_PROGRAM_MARKS 16u /* bytes at the end of such a page, after the room for an image */
 #define SB_PROGRAM_ROOM (SB_PROGRAM_BYTES ? SB_PROGRAM_BYTES - SB_PROGRAM_MARKS : 0)
@@ -112,7 +106,6 @@ struct sb_board {
     uint64_t now; /* us; sb_init clears from here on */
     uint8_t node_id, next_node_id, bit_rate, state;
     bool is_booted, is_mark_old; /* a parameter that outlives a reset of the communication was changed */
-    uint32_t dropped;            /* frames that broke a rule */
     size_t flash_bytes;          /* of a page; 0: nothing can be stored */
 
     uint32_t (*on_write)(struct sb_board *, uint16_t index, uint8_t sub, const uint8_t *data); /* may be NULL; an
@@ -230,7 +223,7 @@ uint32_t sb_crc(uint32_t crc, const uint8_t *data, size_t n);
 /* node.c */
 uint64_t sb_emcy_tick(struct sb_board *b);
 bool sb_send(struct sb_board *b, uint32_t id, const uint8_t *data, uint8_t n, bool urgent);
-void sb_report(struct sb_board *b, uint16_t code, const uint8_t *data, bool is_there);
+void sb_report(struct sb_board *b, uint16_t code, uint16_t of, bool is_there);
 void sb_reset(struct sb_board *b, bool is_application);
 uint64_t sb_after(const struct sb_board *b, uint32_t time_ms); /* SB_NEVER for 0 */
 void sb_node_changed(struct sb_board *b, uint16_t index);
@@ -271,7 +264,6 @@ uint32_t sb_storage_keep_node_id(struct sb_board *b);
 
 /* program.c */
 enum { SB_PROGRAM_DATA = 0x1F50, SB_PROGRAM_CONTROL = 0x1F51, SB_PROGRAM_SOFTWARE = 0x1F56, SB_ON_TRIAL = 0x80 };
-void sb_program_show(struct sb_board *b);
 void sb_program_confirm(struct sb_board *b);
 uint32_t sb_program_command(struct sb_board *b, uint8_t command);
 uint32_t sb_program_begin(struct sb_board *b);

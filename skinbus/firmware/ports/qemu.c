@@ -16,7 +16,6 @@
 #define CLOCK_MHZ 25u
 #define TURN_US 500u /* from one turn of the main loop to the next at most */
 #define FLASH_BYTES 8192u
-#define LINE 32u
 
 static struct sb_board board;
 static uint8_t flash[2][FLASH_BYTES];
@@ -60,20 +59,19 @@ bool can_send(struct sb_board *b, const struct sb_frame *frame, bool urgent)
 
 bool can_receive(struct sb_board *b, struct sb_frame *frame)
 {
-    static uint8_t line[LINE];
+    static uint8_t line[32];
     static unsigned n;
     while (UART(0x04) & 2) { /* STATE: RX buffer full */
         const uint8_t byte = (uint8_t)UART(0x00);
         if (byte != '\r') {
-            line[n++ % LINE] = byte;
+            line[n++ % sizeof line] = byte;
             continue;
         }
         n = 0;
-        if (line[0] != 't' && line[0] != 'r') /* of a command of slcan, or with 29 bits */
+        if ((line[0] != 't' && line[0] != 'r') || line[4] > '8') /* a command of slcan, or of 29 bits */
             continue;
-        *frame = (struct sb_frame){.id = (uint16_t)hex(&line[1], 3), .length = (uint8_t)hex(&line[4], 1)};
-        frame->flags = line[0] == 'r' ? SB_REMOTE : 0;
-        frame->t_us = micros(b) | 1;
+        *frame = (struct sb_frame){.id = (uint16_t)hex(&line[1], 3), .flags = line[0] == 'r' ? SB_REMOTE : 0,
+                                   .length = (uint8_t)hex(&line[4], 1), .t_us = micros(b) | 1};
         for (unsigned i = 0; i < 8; i++) /* those after its length mean nothing */
             frame->data[i] = (uint8_t)hex(&line[5 + 2 * i], 2);
         return true;
@@ -109,18 +107,18 @@ void restart(struct sb_board *b) {} /* of another program, which it has no slots
 int main(void)
 {
     __asm__ volatile("cpsid i");
-    FPGAIO(0x1C) = CLOCK_MHZ - 1;         /* PRESCALE */
+    FPGAIO(0x1C) = CLOCK_MHZ - 1;           /* PRESCALE: COUNTER counts microseconds */
     SYSTEM(0x14) = CLOCK_MHZ * TURN_US - 1; /* SysTick: RVR */
-    SYSTEM(0x10) = 7;                     /* CSR: from this clock, with an interrupt */
-    SYSTEM(0x100) = 1;                    /* NVIC: ISER, received by UART 0 */
-    UART(0x10) = 16;                      /* BAUDDIV */
-    UART(0x08) = 0xB;                     /* CTRL: transmit, receive with an interrupt */
+    SYSTEM(0x10) = 7;                       /* CSR: from this clock, with an interrupt */
+    SYSTEM(0x100) = 1;                      /* NVIC: ISER, received by UART 0 */
+    UART(0x10) = 16;                        /* BAUDDIV */
+    UART(0x08) = 0xB;                       /* CTRL: transmit, receive with an interrupt */
     memset(flash, 0xFF, sizeof flash);
     sb_init(&board, NODE_ID, 1, FLASH_BYTES);
     for (;;) {
-        UART(0x0C) = 2; /* INTCLEAR; what comes from here on ends the wfi */
-        SYSTEM(0x280) = 1;          /* NVIC: ICPR */
-        SYSTEM(0xD04) = 1u << 25;   /* ICSR: PENDSTCLR */
+        UART(0x0C) = 2;           /* INTCLEAR; what comes from here on ends the wfi */
+        SYSTEM(0x280) = 1;        /* NVIC: ICPR */
+        SYSTEM(0xD04) = 1u << 25; /* ICSR: PENDSTCLR */
         sb_turn(&board);
         __asm__ volatile("wfi");
     }

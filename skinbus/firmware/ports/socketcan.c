@@ -101,15 +101,11 @@ int main(int n, char **words)
     struct sockaddr_can address = {.can_family = AF_CAN, .can_ifindex = (int)if_nametoindex(words[1])};
     const int on = 1;
     can = socket(PF_CAN, SOCK_RAW, CAN_RAW);
-    if (can < 0) { /* a kernel without CAN */
-        perror("CAN sockets");
-        return 1;
-    }
-    setsockopt(can, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on);
-    if (!address.can_ifindex || bind(can, (struct sockaddr *)&address, sizeof address) != 0) {
+    if (can < 0 || !address.can_ifindex || bind(can, (struct sockaddr *)&address, sizeof address) != 0) {
         perror(words[1]);
         return 1;
     }
+    setsockopt(can, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on);
     if (n > 4)
         file = open(words[4], O_RDWR | O_CREAT, 0644);
     const uint32_t serial = n > 3 ? (uint32_t)strtoul(words[3], NULL, 0) : 0;
