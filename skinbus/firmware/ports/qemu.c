@@ -13,7 +13,9 @@
 #define SYSTEM(at) REG(0xE000E000u + (at)) /* SysTick, NVIC, SCB */
 
 #define NODE_ID 1
-#define CLOCK_MHZ 25u
+#ifndef CLOCK_MHZ
+#define CLOCK_MHZ 25u /* with more its time passes more slowly */
+#endif
 #define TURN_US 500u /* from one turn of the main loop to the next at most */
 #define FLASH_BYTES 8192u
 
