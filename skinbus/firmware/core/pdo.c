@@ -117,13 +117,11 @@ uint32_t sb_pdo_check(struct sb_board *b, uint16_t index, uint8_t sub, uint32_t 
 /* Set bits of a PDO or of a value, whose bits are 0, from the other one. */
 static void copy_bits(uint8_t *to, unsigned at, const uint8_t *from, unsigned from_at, unsigned n)
 {
-    for (const unsigned end = at + n; at < end;) {
-        const uint8_t bits = (uint8_t)(from[from_at / 8] >> from_at % 8);
-        const unsigned step = (at | from_at) % 8 == 0 && end - at >= 8 ? 8 : 1;
-        to[at / 8] |= (uint8_t)((step == 8 ? bits : bits & 1) << at % 8);
-        at += step;
-        from_at += step;
-    }
+    if ((at | from_at | n) % 8 == 0)
+        memcpy(&to[at / 8], &from[from_at / 8], n / 8);
+    else
+        for (; n--; at++, from_at++)
+            to[at / 8] |= (uint8_t)((from[from_at / 8] >> from_at % 8 & 1) << at % 8);
 }
 
 /* --- Readings ------------------------------------------------------------------------------------- */
