@@ -131,7 +131,7 @@ class Baseline:
         self._last_ns: int | None = None
         n, p = arm.n_tactels, arm.n_patches
         self._patch, self._first = arm.tactel_patch, arm.patch_start[:-1]
-        self._near, self._healthy = _near(arm), arm.tactel_healthy
+        self._near, self._healthy = near_patches(arm, ADJOINING), arm.tactel_healthy
         # beyond any count: what is read further from 0 counts as this
         self._touch, self._most = arm.tactel_threshold, 1.001 * np.abs(limit_of(arm))
         self._ratio = np.clip(arm.tactel_release / np.maximum(self._touch, 1e-9), 0.0, 1.0)
@@ -373,13 +373,13 @@ def _cycles(dt: float) -> float:
     return max(CALM_CYCLES, CALM_S / max(dt, 1e-9) - 0.5)
 
 
-def _near(arm: Arm) -> Bools:
-    """Return which patches are one, or have corners that may come close, (n_patches, n_patches)."""
+def near_patches(arm: Arm, gap: float) -> Bools:
+    """Return which patches are one, or have corners that may be within a gap, m, (n_patches, n_patches)."""
     half = np.array([0.5 * math.hypot(*placed.patch.size) for placed in arm.patches])
     near = np.zeros((arm.n_patches, arm.n_patches), np.bool_)
     for k, link in enumerate(arm.links):
         p = np.flatnonzero(arm.patch_link == k)
         s, a = arm.patch_s[p], arm.patch_a[p]
         d = link.surface.distance(s[:, None], a[:, None], s, a)
-        near[np.ix_(p, p)] = d <= half[p, None] + half[p] + ADJOINING
+        near[np.ix_(p, p)] = d <= half[p, None] + half[p] + gap
     return near

@@ -31,16 +31,15 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_array, vstack
 from scipy.spatial import cKDTree
 
 from skinbus.arrays import Bools, Floats
-from skinbus.estimate.baseline import Baseline
+from skinbus.estimate.baseline import Baseline, near_patches
 from skinbus.estimate.contacts import Contacts, Quality
 from skinbus.estimate.kernels.layout import SEAM, limit_of, step_of
 from skinbus.model import Arm
 from skinbus.model.validation import check_arm, check_fresh
-
-Ints = npt.NDArray[np.intp]
 
 REACH = 35e-3
 """Distance within which a press is felt and tactels are summed, m. Under a layer of 6 mm, 4 % of its force
@@ -110,23 +109,17 @@ class LoadMeter:
         self._cell, self.areas = np.zeros((2, n))
         """The last, m^2, is by what a pressure is multiplied."""
         self._uneven, self._hidden = np.zeros((2, arm.n_patches))
-        d = np.linspace(0.0, REACH, 200)
+        d, near = np.linspace(0.0, REACH, 200), near_patches(arm, REACH)
         for p, placed in enumerate(arm.patches):
             law, least, here = placed.patch.law, placed.patch.threshold, arm.tactels_of(p)
-            cell, far = _cells(arm, p)
+            cell, far = _cells(arm, p, near[p])
             self._cell[here] = cell
             share = float(np.trapezoid(2.0 * np.pi * d * law.pressure(d, USUAL_N), d)) / USUAL_N
             felt = law.pressure(far, USUAL_N) / USUAL_N
             self._uneven[p] = cell.max() / cell.min() - 1.0
             self._hidden[p] = np.mean(least / np.maximum(felt, least / HIDDEN_MOST))
             self.areas[here] = cell / (share if share > 0.0 else 1.0)
-        self._near, self._next = np.zeros((2, n, n), np.bool_)
-        for k, link in enumerate(arm.links):
-            i = np.flatnonzero(arm.tactel_link == k)
-            s, a, side = arm.tactel_s[i], arm.tactel_a[i], np.sqrt(self._cell[i])
-            away = link.surface.distance(s[:, None], a[:, None], s, a)
-            self._near[np.ix_(i, i)] = away <= REACH
-            self._next[np.ix_(i, i)] = away <= 0.5 * NEXT * (side[:, None] + side)
+        self._near, self._next = _pairs(arm, near, self._cell)
         none = np.zeros(n, np.bool_)
         self._nothing = self._sum(np.zeros(n), none, ~none, None)
 
@@ -160,18 +153,16 @@ class LoadMeter:
     def _sum(self, pressures: Floats, touched: Bools, read: Bools, baseline: Baseline | None) -> Loads:
         arm, n, m = self.arm, self.arm.n_patches, len(self.arm.links)
         patch, link = arm.tactel_patch, arm.tactel_link
-        counts, value = self._near[touched].any(axis=0), np.where(read, pressures, 0.0)
+        counts, value = self._near @ touched > 0.0, np.where(read, pressures, 0.0)
         variance, limit, common, creep = self._variance, self._limit, np.zeros(n), np.zeros(arm.n_tactels)
         if baseline is not None:
             felt = baseline.felt
             variance = np.maximum(variance, felt.variance + felt.doubt)
             limit, common, creep = limit - felt.zero, baseline.common, felt.creep
         full = read & counts & (value >= limit) & (limit > 0.0)
-        missing = np.flatnonzero(counts & ~read)
-        if len(missing):
-            beside = self._next[missing] & read
-            value[missing] = beside @ value / np.maximum(beside.sum(axis=1), 1)
-            variance = np.where(read, variance, value**2)
+        beside, n_beside = (self._next @ np.stack([value, read], -1)).T
+        value = np.where(read, value, beside / np.maximum(n_beside, 1.0))
+        variance = np.where(read, variance, value**2)
 
         area, pressed = np.where(counts, self.areas, 0.0), self._cell * touched
         force, noise = area * value, area * area * variance
@@ -191,7 +182,6 @@ class LoadMeter:
             away2 = (x - weight @ x) ** 2 + (y - weight @ y) ** 2
             spread2 = 0.25 * self._cell[top] + max(weight @ away2, 0.0)
             place_sd[k] = math.sqrt(variance_of_link[k] * spread2) / of_link[k]
-        border = (self._next[touched] & ~touched).any(axis=1)
         return Loads(
             patches=LoadRows(force=of_patch, force_sd=np.sqrt(own + error), area=_sums(patch, pressed, n)),
             links=LinkLoads(
@@ -206,7 +196,7 @@ class LoadMeter:
             force_sd=math.sqrt(variance_of_link.sum()),
             area=float(pressed.sum()),
             # anything from none to all of a cell at the border of a touch is pressed
-            area_sd=math.sqrt((border * self._cell[touched] ** 2).sum() / 12.0),
+            area_sd=math.sqrt(((self._next @ ~touched > 0.0) * pressed**2).sum() / 12.0),
             at_least=(_sums(patch, read, n) == 0.0) | (_sums(patch, full, n) > 0.0),
         )
 
@@ -231,19 +221,31 @@ def _sums(group: npt.NDArray[Any], value: npt.NDArray[Any], n: int) -> Floats:
     return np.bincount(group, value, n).astype(np.float64)
 
 
-def _cells(arm: Arm, p: int) -> tuple[Floats, Floats]:
+def _pairs(arm: Arm, near: Bools, cell: Floats) -> list[Any]:
+    """Return which tactels are within REACH, and which are neighbours: (n_tactels, n_tactels), sparse."""
+    side = 0.5 * NEXT * np.sqrt(cell)
+    rows: tuple[list[Any], list[Any]] = [], []
+    for p, beside in enumerate(near[:, arm.tactel_patch]):
+        here, s, a = arm.tactels_of(p), arm.tactel_s, arm.tactel_a
+        surface = arm.links[arm.patch_link[p]].surface
+        d = np.full((arm.patches[p].patch.n_tactels, arm.n_tactels), np.inf)
+        d[:, beside] = surface.distance(s[here, None], a[here, None], s[beside], a[beside])
+        for row, is_pair in zip(rows, (d <= REACH, d <= side[here, None] + side), strict=True):
+            row.append(csr_array(is_pair, dtype=np.float64))
+    return [vstack(row) for row in rows]
+
+
+def _cells(arm: Arm, p: int, near: Bools) -> tuple[Floats, Floats]:
     """Return the area that is nearest to each tactel of a board, m^2, and how far it reaches, m."""
     placed, sizes = arm.patches[p], np.array([placed.patch.size for placed in arm.patches])
-    patch, step, reach = placed.patch, placed.patch.pitch / FINENESS, np.hypot(*sizes.T).max() + SEAM
+    patch, step = placed.patch, placed.patch.pitch / FINENESS
     sides = np.ceil((sizes[p] + SEAM) / (2.0 * step))
     uv = np.stack(np.meshgrid(*(step * (np.arange(-n, n) + 0.5) for n in sides)), -1).reshape(-1, 2)
     s, a = arm.on_link(p, uv)
-    away = arm.links[placed.link].surface.distance(placed.s, placed.a, arm.patch_s, arm.patch_a)
-    beside = np.flatnonzero((arm.patch_link == placed.link) & (away <= reach))
     # how far places are off boards along the farther axis
     off = {
         q: np.maximum(np.abs(arm.on_board(q, s, a)) - 0.5 * sizes[q], 0.0).max(axis=1)
-        for q in beside.tolist()
+        for q in np.flatnonzero(near).tolist()
     }
     own = off.pop(p)
     other = np.min([np.full(len(uv), np.inf), *off.values()], axis=0)
