@@ -65,7 +65,7 @@ class Device(Core):
 
     Hooks, all optional:
         on_sync(now_ns, counter): before TPDOs are sampled, after RPDOs took effect; 0 = no counter.
-        on_write(index, sub, value): a write from the bus, before it is stored; an abort code refuses it.
+        on_write(index, sub, value): before a write from the bus; an abort code refuses it.
         on_nmt(state): a state was entered.
     """
 
@@ -88,8 +88,8 @@ class Device(Core):
         self.values = Values(self.layout)
         for entry in self.layout.entries.values():
             self.values.store(entry, self.values.default(entry, node_id))
-        self.on_sync: Callable[[int, int], None] | None = None
-        self.on_nmt: Callable[[NmtState], None] | None = None
+        self.on_sync: Callable[[int, int], None] = lambda now_ns, counter: None
+        self.on_nmt: Callable[[NmtState], None] = lambda state: None
         self._context = context = Context(self.values, node_id)
         context.listen, context.on_loss = self._listen, self.communication_error
         self._emcy = context.emcy = EmcyService(context)
@@ -144,12 +144,12 @@ class Device(Core):
         return self._context.dropped
 
     @property
-    def on_write(self) -> WriteHook | None:
+    def on_write(self) -> WriteHook:
         """Called with (index, sub, value) before a write from the bus is stored."""
         return self._context.dictionary.on_write
 
     @on_write.setter
-    def on_write(self, hook: WriteHook | None) -> None:
+    def on_write(self, hook: WriteHook) -> None:
         self._context.dictionary.on_write = hook
 
     @property
@@ -208,9 +208,9 @@ class Device(Core):
         """Have the guard compare the readings in the image, of that age, if they are a new sample."""
         self._guard.sampled(age_ns)
 
-    def transmit_tpdo(self, number: int) -> bool:
-        """Ask for an event-driven TPDO; False when it is not sent on events in this state."""
-        return self._tpdo.request(number)
+    def transmit_tpdo(self, number: int) -> None:
+        """Ask for an event-driven TPDO, if it is sent on events in this state."""
+        self._tpdo.request(number)
 
     def command(self, command: NmtCommand) -> None:
         """Execute an NMT command of the own host; what it sends leaves with the next step.
@@ -327,8 +327,7 @@ class Device(Core):
         self._emcy.tick()
         self._listen()
         self._context.report(EventKind.NMT_STATE, state.name)
-        if self.on_nmt is not None:
-            self.on_nmt(state)
+        self.on_nmt(state)
 
     def _listen(self) -> None:
         """Compile which service receives which identifier in this state; of two for one, the first."""
@@ -347,8 +346,7 @@ class Device(Core):
 
     def _synchronise(self, counter: int) -> None:
         self._rpdo.on_sync()
-        if self.on_sync is not None:
-            self.on_sync(self._context.now_ns, counter)
+        self.on_sync(self._context.now_ns, counter)
         if self._stamps:
             status, (at_counter, at_status) = self.sample_status, self._stamps
             if self.values.number(ERROR_REGISTER, 0):

@@ -54,7 +54,7 @@ class Dictionary:
         self.readers: dict[int, Reader] = {}
         self.writers: dict[int, Rule] = {}
         """Objects whose writes are commands: called instead of storing."""
-        self.on_write: WriteHook | None = None
+        self.on_write: WriteHook = lambda index, sub, value: None
         self.on_stored: Callable[[ImageEntry], None] = lambda entry: None
         """Called after a write from the bus has changed a value, before the service that lives by it."""
 
@@ -110,10 +110,9 @@ class Dictionary:
 
     def ask_host(self, entry: ImageEntry, data: bytes) -> None:
         """Let the host refuse a write from the bus."""
-        if self.on_write is not None:
-            code = self.on_write(entry.index, entry.sub, entry.decode(data))
-            if code is not None:
-                raise SdoAbort(code)
+        code = self.on_write(entry.index, entry.sub, entry.decode(data))
+        if code is not None:
+            raise SdoAbort(code)
 
     def changed(self, index: int, sub: int) -> None:
         """Notify the service that uses this object."""

@@ -96,7 +96,9 @@ class HeartbeatConsumer(Part):
         self.context.listen()
 
     def _check(self, sub: int, data: bytes) -> None:
-        """CiA 301, 7.5.2.18: no node twice."""
+        """CiA 301, 7.5.2.18: the number of entries stays, and no node is there twice."""
+        if sub == 0:
+            raise SdoAbort(AbortCode.READ_ONLY)
         value = int.from_bytes(data, "little")
         node_id, _ = _split(value)
         if value >> 24:

@@ -94,7 +94,7 @@ class PatchHost(Core):
             if has(device.layout.od, SAMPLE_AGE)
         }
         """Where the TPDOs of each patch find the age of its sample."""
-        self._since_ns = np.zeros(len(devices), np.int64)
+        self._since_ns = self._age = np.zeros(len(devices), np.int64)
         self._cleared = [0] * len(devices)
         """Bits of "Healthy tactels" that were set and are not now."""
         for i, device in enumerate(devices):
@@ -183,9 +183,7 @@ class PatchHost(Core):
         shown, sample = self._shown, self._source(now_ns)
         self._shown = sample
         self._since_ns = now_ns - sample.t_ns
-        age = np.clip(self._since_ns // AGE_STEP_NS, 0, 0xFFFF)
-        for i, view in self._ages.items():
-            view[0] = age[i]
+        self._age = np.clip(self._since_ns // AGE_STEP_NS, 0, 0xFFFF)
         if shown and sample.counts is shown.counts and sample.healthy is shown.healthy:
             return []
         if not shown or sample.healthy is not shown.healthy:
@@ -230,6 +228,8 @@ class PatchHost(Core):
 
     def _step(self, i: int, now_ns: int, frames: Frames, out: list[Frame], events: list[Event]) -> None:
         device = self.devices[i]
+        if i in self._ages:
+            self._ages[i][0] = self._age[i]
         step = device.step(now_ns, frames)
         out += step.frames
         events += step.events

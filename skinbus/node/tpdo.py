@@ -93,18 +93,16 @@ class TpdoService(Part):
         self._sort()
         self._plan()
 
-    def request(self, number: int) -> bool:
-        """Ask for an event-driven TPDO (254, 255: as soon as the inhibit time allows; 0: with the next SYNC).
+    def request(self, number: int) -> None:
+        """Ask for a TPDO that is sent on events now.
 
-        False when this TPDO is not sent on events now.
+        254, 255: as soon as the inhibit time allows; 0: with the next SYNC.
         """
         pdo = self.pdos[number]
-        if not pdo.map.valid or pdo.cyclic or self.context.state is not NmtState.OPERATIONAL:
-            return False
-        pdo.requested = True
-        if pdo.by_event:
-            self.wake_ns = min(self.wake_ns, pdo.free_ns)
-        return True
+        if pdo.map.valid and not pdo.cyclic and self.context.state is NmtState.OPERATIONAL:
+            pdo.requested = True
+            if pdo.by_event:
+                self.wake_ns = min(self.wake_ns, pdo.free_ns)
 
     def on_sync(self, counter: int, *, in_window: bool = True) -> None:
         """Send what this SYNC asks for, sampled now; ``counter`` is 0 when SYNC has none.

@@ -84,6 +84,13 @@ def test_pdo_that_is_not_whole_bytes():
     assert [device.get(index) for index in (0x2000, 0x2001, 0x2002, 0x2003)] == [False, False, 0x3C, 0x1234]
 
 
+def test_number_of_watched_nodes_is_not_written_whatever_an_eds_says():
+    device = Device(odd_od(), 3)
+    device.step(0)
+    (answer,) = device.step(0, [Frame(0x603, bytes.fromhex("2F16100002000000"))]).frames
+    assert answer.data == bytes.fromhex("8016100002000106")
+
+
 def test_pdo_of_a_board_for_can_fd_is_padded_to_a_length_of_can_fd():
     device = Device(load_eds("skin-patch-fd", 5), 5)
     device.step(0, [])
