@@ -70,7 +70,7 @@ class Estimator:
             raise ValueError(f"budget_work must not be negative, got {budget_work}")
         _check_budget(budget_us, clock)
         self.arm = arm
-        self.allow(level)
+        self.level, self._rank = level, LEVELS.index(level)
         self.budget_us = budget_us
         self._budget_work = budget_work
         self._clock = clock
@@ -88,10 +88,6 @@ class Estimator:
         self._work.options[K] = 0 if k is None else min(k, PATCH_CLUSTERS)
         set_budget(self._work.work, arm.n_tactels, None, None, None)
         self._run(self._rank)
-
-    def allow(self, level: str) -> None:
-        """Let cycles have a higher level, whose kernels are compiled by now."""
-        self.level, self._rank = level, LEVELS.index(level)
 
     def update(
         self,
