@@ -38,8 +38,6 @@ class MeshSurface(Surface):
     """(n, 3) m, of the whole mesh, for those who draw it."""
     triangles: Ints
     """(m, 3)"""
-    messages: tuple[str, ...] = ()
-    """What was mended, and how far the chart stretches."""
 
     def position(self, s: npt.ArrayLike, a: npt.ArrayLike) -> tuple[Floats, Floats]:
         """Return points (..., 3) m and outward unit normals (..., 3) in the link frame."""

@@ -1,9 +1,8 @@
 """Triangle meshes of links: read from STL, OBJ or PLY, checked, and mended where that is safe.
 
 Mended: corners that coincide are joined, triangles without area and doubled ones are left out; a closed
-surface is turned outward, with a message. Refused: what is not one connected surface, wound alike, in which
-at most two triangles meet at an edge, and what is too large or of a size that no link has. Open rims are
-reported: geodesics go around them.
+surface is turned outward. Refused: what is not one connected surface, wound alike, in which at most two
+triangles meet at an edge, and what is too large or of a size that no link has. Geodesics go around open rims.
 """
 
 from __future__ import annotations
@@ -38,12 +37,10 @@ class Mesh:
 
     points     (n, 3) m
     triangles  (m, 3) corners, counter-clockwise seen from outside
-    messages   what was mended, and rims that are open
     """
 
     points: Floats
     triangles: Ints
-    messages: tuple[str, ...] = ()
 
     def normals(self, triangles: Ints | slice = slice(None)) -> Floats:
         """Return outward unit normals (n, 3) of triangles (n,), or of all."""
@@ -102,7 +99,7 @@ def mend(points: npt.ArrayLike, triangles: npt.ArrayLike, file: str = "mesh") ->
     shape.merge_vertices()
     shape.update_faces(shape.nondegenerate_faces())
     shape.update_faces(shape.unique_faces())
-    p, t, messages = np.array(shape.vertices), np.array(shape.faces, np.int64), []
+    p, t = np.array(shape.vertices), np.array(shape.faces, np.int64)
     if not len(t):
         raise ConfigError(file, [*faults, Fault("triangles", 0, "one with an area")])
     meeting = np.bincount(shape.edges_unique_inverse)
@@ -116,12 +113,9 @@ def mend(points: npt.ArrayLike, triangles: npt.ArrayLike, file: str = "mesh") ->
         faults.add("surface", "flipped triangles, or one side only", wanted)
     if faults:
         raise ConfigError(file, faults)
-    rims = rims_of(t)
-    if not rims and shape.volume < 0.0:
+    if not rims_of(t) and shape.volume < 0.0:  # its normals point inward
         t = t[:, ::-1].copy()
-        messages.append("the surface was turned inside out: its normals pointed inward")
-    messages += [f"an open rim of {1e3 * length_of(p, rim):.0f} mm" for rim in rims[:10]]
-    return Mesh(p, t, tuple(messages))
+    return Mesh(p, t)
 
 
 def nearest_places(mesh: Mesh, wanted: Floats) -> tuple[Ints, Floats]:
@@ -155,7 +149,7 @@ def refine(mesh: Mesh, longest: float) -> Mesh:
         own = edge_of[np.arange(len(triangles)), side]  # the longest edge of each triangle
         is_cut = (length > longest) & (np.bincount(own, minlength=len(edges)) == np.bincount(edge_of.ravel()))
         if not is_cut.any():
-            return Mesh(points, triangles, mesh.messages)
+            return Mesh(points, triangles)
         middle = len(points) + np.cumsum(is_cut) - 1
         points = np.concatenate([points, points[edges[is_cut]].mean(axis=1)])
         halved = is_cut[own]

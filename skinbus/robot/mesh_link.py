@@ -162,10 +162,6 @@ def lay(
         for (s, a, yaw), tactels in zip(found["boards"], np.split(found["tactels"], ends), strict=True)
     ]
     length, width, period, first = found["sizes"].tolist()
-    scales, messages = found["tactels"][:, 2], mesh.messages
-    if np.ptp(scales) > 0.01:
-        stretch = f"the chart stretches by {scales.min():.3f} to {scales.max():.3f} under the boards"
-        messages = (*messages, f"{stretch}: the mesh is curved in two directions")
     surface = MeshSurface(
         kind="mesh",
         length=length,
@@ -179,7 +175,6 @@ def lay(
         on=found["on"],
         points=mesh.points,
         triangles=mesh.triangles,
-        messages=messages,
     )
     return surface, rows
 

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from skinbus.errors import ConfigError
 from skinbus.robot.mesh import MOST_TRIANGLES, load_mesh, mend
-from tests.robot.meshes import sphere, tube
+from tests.robot.meshes import sphere
 
 trimesh = pytest.importorskip("trimesh", reason="extra skinbus[mesh]")
 
@@ -27,17 +27,13 @@ def test_a_mesh_is_read_from_each_format(tmp_path, kind):
     assert_allclose(np.linalg.norm(mesh.points, axis=1), 0.08, rtol=1e-6)
     middle = mesh.points[mesh.triangles].mean(axis=1)
     assert ((middle * mesh.normals()).sum(axis=1) > 0.0).all()
-    assert not mesh.messages
 
 
-def test_an_inverted_surface_is_turned_and_rims_are_reported():
+def test_an_inverted_surface_is_turned():
     points, triangles = sphere(0.08, 2)
     inverted = mend(points, triangles[:, ::-1])
-    assert inverted.messages == ("the surface was turned inside out: its normals pointed inward",)
     middle = inverted.points[inverted.triangles].mean(axis=1)
     assert ((middle * inverted.normals()).sum(axis=1) > 0.0).all()
-    open_tube = mend(*tube(0.05, 0.2, 0.005))
-    assert open_tube.messages == ("an open rim of 314 mm",) * 2
 
 
 def test_ill_meshes_are_refused():
