@@ -1,9 +1,8 @@
 """Surrogates of a measured array: eight barometers under rubber, with the scatter that such arrays show.
 
-The figures are those of recordings of real arrays: a law of 6.5 mm full width at half maximum; from tactel
-to tactel gains by 10 %, widths by 4 %, ellipses of ratio 1.03, offsets of 0.2 % of the peak; beyond that a
-smooth residual, up to 0.9 % of the peak at 8 mm, correlated over 8 mm; one press in 500 is recorded 5 mm away
-from where it was. The load is constant and unknown, as with a weight on a guided tip.
+The figures are those of recordings of real arrays: a law of 6.5 mm full width at half maximum; the responses
+of tactels differ as the effect ``response`` of scenes says, offsets by 0.2 % of the peak; one press in 500 is
+recorded 5 mm away from where it was. The load is constant and unknown, as with a weight on a guided tip.
 """
 
 from types import SimpleNamespace
@@ -13,25 +12,21 @@ import numpy as np
 from skinbus.model import Arm, Transducer
 from skinbus.model.patch import grid
 from skinbus.sim.bonded_layer import profile
+from skinbus.sim.effects.mounting import Response
+from skinbus.sim.indenter import Indenter, Shape
+from skinbus.sim.laws import Elastic
+from skinbus.sim.layer import Geometry, Loads
 
 TIP = 0.001
 """m, radius of the tip and of the port of a tactel."""
-LAYER = {"thickness": 0.0062, "poisson": 0.48, "tactel_radius": TIP, "indenter_radius": TIP}
-"""m: with a tip of 2 mm and tactels of 2 mm, a full width at half maximum of 6.5 mm."""
-ELLIPSE = 1.03
-RESIDUAL_AT = np.array([0.0, 1.0, 5.0, 8.0, 12.0, 20.0, 30.0]) * 1e-3
-RESIDUAL = np.array([0.04, 0.04, 0.2, 0.9, 0.6, 0.2, 0.0]) * 1e-2
-"""Root mean square of the smooth residual, of the peak, at those distances."""
-CORRELATION = 0.008
-"""m, of the smooth residual: a Gaussian with this standard deviation."""
+LAYER = Elastic(thickness_mm=6.2)
+"""With a tip of 2 mm and tactels of 2 mm, a full width at half maximum of 6.5 mm."""
 PEAK = 20e3
 """Pa under the load of the presses; the load itself is not given."""
 NOISE = 0.001 * PEAK
 """Pa: a barometer's own noise after averaging."""
 MISLABELLED_BY = 0.005
 """m"""
-WAVES = 200
-"""Of a smooth random field; more change nothing in its statistics up to second order."""
 
 
 class Surrogate:
@@ -46,27 +41,19 @@ class Surrogate:
             noise=NOISE,
             diameter=2.0 * TIP,
         )
-        n, self._rng = self.arm.n_tactels, rng
-        self._distances = np.linspace(0.0, 0.06, 2401)
-        law = profile(self._distances, **LAYER)
-        self._law = PEAK * law / law[0]
-        self._gain = np.maximum(1.0 + 0.10 * rng.standard_normal(n), 0.5)
-        self._width = 1.0 + 0.04 * rng.standard_normal(n)
-        self._offset = 0.002 * PEAK * rng.standard_normal(n)
-        self._angle = rng.uniform(0.0, np.pi, n)
-        self._waves = rng.standard_normal((n, WAVES, 2)) / CORRELATION
-        self._phases = rng.uniform(0.0, 2.0 * np.pi, (n, WAVES))
+        self._rng, geometry = rng, Geometry.of(self.arm, discs=LAYER.discs)
+        Response().bind(self.arm, rng)(geometry)
+        self._law = LAYER.bind(geometry, [Indenter(Shape.DISC, 2.0 * TIP)])
+        lengths = {"thickness": 1e-3 * LAYER.thickness_mm, "tactel_radius": TIP, "indenter_radius": TIP}
+        self._load = PEAK / profile(np.zeros(1), poisson=LAYER.poisson, **lengths)[0]
+        self._offset = 0.002 * PEAK * rng.standard_normal(self.arm.n_tactels)
 
     def truth(self, s, a):
         """Return pressures (n, n_tactels) Pa of presses at places (n,) m under the load, no noise."""
-        x, y = s[:, None] - self.arm.tactel_s, a[:, None] - self.arm.tactel_a
-        cos, sin = np.cos(self._angle), np.sin(self._angle)
-        along, across = cos * x + sin * y, cos * y - sin * x
-        stretched = np.hypot(along / np.sqrt(ELLIPSE), across * np.sqrt(ELLIPSE)) / self._width
-        phase = np.einsum("ijk,jmk->ijm", np.stack([x, y], -1), self._waves) + self._phases
-        residual = np.interp(np.hypot(x, y), RESIDUAL_AT, RESIDUAL) * np.cos(phase).sum(axis=-1)
-        own = self._gain * np.interp(stretched, self._distances, self._law)
-        return own + PEAK * np.sqrt(2.0 / WAVES) * residual + self._offset
+        found = np.tile(self._offset, (len(s), 1))
+        for row, place in zip(found, np.column_stack([s, a]), strict=True):
+            self._law.add(Loads(1, s=place[0], a=place[1], force=self._load), row)
+        return found
 
     def read(self, s, a):
         """Return the same with the noise of the readings."""
