@@ -205,7 +205,7 @@ __attribute__((section(".vectors"), used)) static void (*const vectors[16])(void
     (void (*)(void))0x20004000u, reset}; /* the end of the RAM; there are no interrupts, and a fault ends all */
 
 /* Of the boot program: bring the program that is to start to the place that it is linked for. */
-static void start_program(void)
+static int start_program(void)
 {
     const uint32_t page = sb_program_choose(&board, true), from = places[page] + 32, to = places[LINKED];
     const uint32_t n = page ? REG(places[page] + 8) - 16 : 0;
@@ -213,13 +213,14 @@ static void start_program(void)
         for (uint32_t at = 0; at < n; at += 8)
             flash_write(&board, LINKED, at, (const uint8_t *)(uintptr_t)(from + at));
     __asm__ volatile("msr msp, %0\n\tbx %1" : : "r"(REG(to)), "r"(REG(to + 4)));
+    return 0;
 }
 
 int main(void)
 {
     const uint32_t serial = REG(0x1FFFF7ACu) ^ REG(0x1FFFF7B0u) ^ REG(0x1FFFF7B4u); /* of the part */
     if (BOOT)
-        start_program();
+        return start_program(); /* the rest of this program is left out */
     start_hardware();
     sb_init(&board, SB_UNCONFIGURED, serial, FLASH_BYTES);
     for (;;) {
