@@ -41,7 +41,7 @@ GROUPS = {
     "Calibration": {"calibrate": "Learn contact law, gains and noise of boards from presses; locate boards."},
     "Design": {
         "plan": "Compute whether bus and machine can keep up, and what the skin of an arm covers.",
-        "scene": "List what scenes can name; check a scene.",
+        "scene": "List what scenes can name, check a scene, measure its cost.",
         "study": "Measure what accuracy costs in time; remake the paper's figures.",
     },
     "Machine": {"doctor": "Check this machine, its bus and the health of a skin; compile the kernels."},

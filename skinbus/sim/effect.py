@@ -2,6 +2,7 @@
 
 An effect holds no state: ``bind`` returns a step that does. Steps of one stage have one signature::
 
+    TIME      step(t_s) -> t_s                       when a sample is really taken
     GEOMETRY  step(geometry)                         once, before the layer is bound: where tactels are,
                                                      how they respond, how loads act
     LAYER     step(pressures, t_s) -> pressures      (n_tactels,) Pa: what arrives at the base of the layer
@@ -46,21 +47,23 @@ _make = tuple.__new__  # half the time of Frame(...), and a scene makes every fr
 class Stage(IntEnum):
     """Where an effect acts, in the order of physics."""
 
-    GEOMETRY = 0
-    LAYER = 1
-    TACTEL = 2
-    COUNTS = 3
-    CLOCK = 4
-    FRAMES = 5
+    TIME = 0
+    GEOMETRY = 1
+    LAYER = 2
+    TACTEL = 3
+    COUNTS = 4
+    CLOCK = 5
+    FRAMES = 6
 
 
 EFFECTS = {
+    Stage.TIME: ("sync_jitter",),
     Stage.GEOMETRY: ("misplaced", "response", "shear"),
     # what arrives at the base of the layer
-    Stage.LAYER: ("viscoelastic", "hysteresis"),
+    Stage.LAYER: ("bend", "viscoelastic", "hysteresis"),
     # the film, the matrix, the amplifier
     Stage.TACTEL: (
-        *("piezoresistive", "thermal", "drift", "dead", "crosstalk"),
+        *("gain_spread", "piezoresistive", "thermal", "drift", "dead", "crosstalk"),
         *("offset", "noise", "burst", "saturation"),
     ),
     # the converter and what its firmware makes of it
@@ -69,7 +72,7 @@ EFFECTS = {
     # the boards' own faults, then those of the way
     Stage.FRAMES: (
         *("patch_reset", "patch_silent", "bus_off"),
-        *("babbling_node", "corrupt", "delay", "loss"),
+        *("response_jitter", "babbling_node", "corrupt", "delay", "loss"),
     ),
 }
 """The effects that a scene may name, in the order in which physics applies them."""

@@ -60,6 +60,8 @@ class Geometry:
     """(n_tactels,) m"""
     diameter: Floats
     """(n_tactels,) m, of the disc over which a tactel averages; 0 samples at a point."""
+    offset: Floats | None = None
+    """(n_tactels,) Pa, what a tactel reads of no load at all, beyond what its board's file says."""
     response: ResponseColumns | None = None
     friction: float | None = None
     """Coefficient between indenters and the cover; None where pushes are not inclined."""

@@ -43,6 +43,8 @@ class Sampler:
         step, self._top, self._width = columns[arm.tactel_patch].T
         self._per_pa = 1.0 / (step * arm.tactel_gain)
         self._zero = arm.tactel_offset.astype(np.float64)
+        if geometry.offset is not None:
+            self._zero += geometry.offset * self._per_pa
         self._is_at_rest = False
         self._changes = any(self._steps[stage] for stage in (Stage.LAYER, Stage.TACTEL, Stage.COUNTS))
         self.pressures = np.zeros(arm.n_tactels)
@@ -50,7 +52,10 @@ class Sampler:
 
     def sample(self, t_s: float) -> None:
         """Take a sample at a scene time into ``counts``, if anything can have changed."""
-        pressed = self._press(t_s)
+        really_s = t_s
+        for shift in self._steps[Stage.TIME]:
+            really_s = shift(really_s)
+        pressed = self._press(really_s)
         if not (pressed or self._changes):
             return
         signal = self.pressures

@@ -31,6 +31,8 @@ _SIZES = {
 }
 """Sizes that each shape needs; it takes no others."""
 
+_PULSE = np.linspace(0.0, 1.0, 17)
+"""Keys of a half sine; linear in between errs by 1 % of the peak at most."""
 OFF = 5e-3
 """m: a point of a touch further from the surface is not meant to be on it."""
 
@@ -64,6 +66,9 @@ class TouchTable:
     modulus_kpa: float = parameter(200.0, "kPa", "of a sphere on the cover", gt=0)
     inclination: float = parameter(0.0, "", "tangential force per normal force", ge=0, le=10)
     direction_deg: float = parameter(0.0, "deg", "of the tangential force, from s towards a")
+    impact_n: float = parameter(0.0, "N", "peak of the impact that a touch begins with", ge=0)
+    # robots that hit soft parts of people: 5 to 20 ms (ISO/TS 15066, annex A; Haddadin et al. 2009)
+    impact_ms: float = parameter(10.0, "ms", "duration of the impact", gt=0, le=1000)
 
 
 def touch_of(
@@ -97,7 +102,7 @@ def touch_of(
     return Touch(
         link=link,
         path=path,
-        force=force,
+        force=_with_impact(force, table),
         shape=Shape[table.shape.upper()],
         length=1e-3 * (table.diameter_mm or table.length_mm or 0.0),
         width=1e-3 * (table.width_mm or 0.0),
@@ -177,3 +182,13 @@ def _force(table: TouchTable, duration_s: float | None, fault: AddFault) -> Floa
     if duration_s is not None and keys[-1, 0] > duration_s:
         fault(end_key, float(keys[-1, 0]), f"at most the duration of the scene, {duration_s:g} s")
     return keys
+
+
+def _with_impact(force: Floats, table: TouchTable) -> Floats:
+    """Return keys (n, 2) of a force that begins with an impact: the force of the touch goes on beneath."""
+    if table.impact_n == 0.0:
+        return force
+    pulse = force[0, 0] + 1e-3 * table.impact_ms * _PULSE
+    times = np.union1d(force[:, 0], pulse)
+    impact = np.interp(times, pulse, table.impact_n * np.sin(np.pi * _PULSE), right=0.0)
+    return np.column_stack([times, np.interp(times, force[:, 0], force[:, 1]) + impact])

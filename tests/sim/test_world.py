@@ -9,8 +9,8 @@ from skinbus.can.frame import FrameBatch
 from skinbus.config.system import ods_of
 from skinbus.objects.readings import ReadingsPlan
 from skinbus.sim import load_scene
+from skinbus.sim.player import BOOT_NS, Player
 from skinbus.sim.world import World
-from tests.sim.player import BOOT_NS, Player
 from tests.sim.truth import truth_of
 
 MS = 1_000_000

@@ -1,7 +1,8 @@
-"""`skinbus scene`: what scenes can name, and whether a file is right."""
+"""`skinbus scene`: what scenes can name, whether a file is right, and what it costs."""
 
 from __future__ import annotations
 
+import time
 from dataclasses import Field, fields
 from typing import Any
 
@@ -12,6 +13,7 @@ from skinbus.cli.output import echo
 from skinbus.formatting import counted
 from skinbus.robot.chain import check_robot
 from skinbus.sim import load_scene, scene_names
+from skinbus.sim.cost import measure
 from skinbus.sim.effect import ORDER
 from skinbus.sim.effects import effect_class
 from skinbus.sim.laws import LAWS
@@ -19,13 +21,14 @@ from skinbus.sim.laws import LAWS
 
 @click.group()
 def command() -> None:
-    """List and check scenes.
+    """List, check and price scenes.
 
     \b
     Examples:
       skinbus scene list
       skinbus scene list noise drift
       skinbus scene check my-scene.toml
+      skinbus scene cost everything
     """
 
 
@@ -76,6 +79,28 @@ def check(file: str) -> None:
         f"{file}: no faults; {counted(scene.arm.n_patches, 'patch')} of {scene.arm.name}, "
         f"{counted(len(scene.touches), 'touch')}, {scene.duration_s:g} s, {scene.layer.law} layer, {names}"
     )
+
+
+@command.command()
+@click.argument("scene")
+def cost(scene: str) -> None:
+    """Measure what each part of SCENE costs per cycle.
+
+    A part is left out, and the rest is timed.
+
+    Times are processor times; a scene with every effect takes about a minute.
+
+    \b
+    Examples:
+      skinbus scene cost everything
+    """
+    played = load_scene(scene)
+    console = Console()
+    with console.status("playing ..."):
+        result = measure(played, time.thread_time_ns)
+    parts = {**result.parts, "whole": result.whole_us}
+    rows = [(name, f"{us:.1f}", f"{100 * us / result.whole_us:.1f}") for name, us in parts.items()]
+    console.table(("part", "us", "%"), rows, f"{played.name}: cost of a cycle")
 
 
 def _about(cls: type) -> str:

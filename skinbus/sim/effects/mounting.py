@@ -1,4 +1,4 @@
-"""Effects on where the tactels are, how each responds, and how loads act on them."""
+"""Effects on when samples are taken, where the tactels are, how each responds, and how loads act on them."""
 
 from __future__ import annotations
 
@@ -17,6 +17,19 @@ PROFILE = np.array([[0.0, 1e-3, 5e-3, 8e-3, 12e-3, 20e-3, 30e-3], [0.0, 0.04, 0.
 barometers under rubber, 9.9 mm apart; the ends are zero."""
 N_WAVES = 24
 """Cosines that make up the smooth residual: its values are then normal within a few per cent."""
+
+
+@settings
+class SyncJitter(Effect):
+    """The SYNC producer's timer is not exact: all patches sample at one wrong instant."""
+
+    # a thread that waits for a timer on a desktop Linux wakes some 50 us to 1 ms late; cyclictest calls 100
+    # us good
+    sigma_us: float = parameter(200.0, "us", "standard deviation of the sampling instant", ge=0)
+
+    def bind(self, arm: Arm, rng: Rng) -> Callable[[float], float]:
+        """Return ``step(t_s) -> t_s``."""
+        return lambda t_s: t_s + 1e-6 * self.sigma_us * rng.standard_normal()
 
 
 @settings
@@ -55,14 +68,15 @@ class Response(Effect):
 
     gain, width and ellipse change how a tactel responds to a load, ``residual`` is what no such number
     describes: a smooth random function of the place of the load, with a profile over distance that is largest
-    where the load is beside the tactel.
+    where the load is beside the tactel. ``offset_pa`` is what it reads of no load.
     """
 
-    # gains of that array differ by 6 to 11 %, widths by 3 to 5 %, ellipses have ratios up to 1.07, and
-    # the residual is 0.9 % of the peak at 8 mm
+    # gains of that array differ by 6 to 11 %, widths by 3 to 5 %, ellipses have ratios up to 1.07, offsets
+    # are 0.1 to 0.3 % of the peak of a firm press (100 kPa), and the residual is 0.9 % of the peak at 8 mm
     gain: float = parameter(0.10, "", "standard deviation of the gain about 1", ge=0, le=0.3)
     width: float = parameter(0.04, "", "standard deviation of the width about 1", ge=0, le=0.1)
     ellipse: float = parameter(1.03, "", "ratio of the axes of the response", ge=1, le=1.2)
+    offset_pa: float = parameter(200.0, "Pa", "standard deviation of the reading of no load", ge=0)
     residual: float = parameter(0.009, "", "largest residual, as a share of the peak", ge=0, le=0.2)
     correlation_mm: float = parameter(8.0, "mm", "length over which it changes", gt=0, le=100)
 
@@ -72,6 +86,7 @@ class Response(Effect):
         gain = 1.0 + self.gain * rng.standard_normal(n)
         width = np.maximum(1.0 + self.width * rng.standard_normal(n), 0.5)
         angle = rng.uniform(0.0, np.pi, n)
+        offset = self.offset_pa * rng.standard_normal(n)
         # a Gaussian correlation exp(-x^2 / (2 L^2)) has normal wave numbers of deviation 1 / L
         waves = np.empty((n, N_WAVES, 3))
         waves[..., :2] = rng.standard_normal((n, N_WAVES, 2)) / (1e-3 * self.correlation_mm)
@@ -83,6 +98,8 @@ class Response(Effect):
         acts = self.gain > 0.0 or self.width > 0.0 or self.ellipse > 1.0 or self.residual > 0.0
 
         def step(geometry: Geometry) -> None:
+            if self.offset_pa > 0.0:
+                geometry.offset = offset
             if acts:
                 geometry.response = ResponseColumns(
                     gain=gain,

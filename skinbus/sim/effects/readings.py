@@ -42,6 +42,29 @@ class _Lag:
 
 
 @settings
+class Bend(Effect):
+    """The preload of flat boards that are strapped to a curved link.
+
+    A flat board touches a cylinder of radius r along one line and stands off by w^2 / (2 r) at distance w
+    from it around the link. What holds it down presses there, in proportion to the stand-off.
+    """
+
+    # assumed: a sleeve of 10 N over a board's edge, 1.7 mm off a forearm of 65 mm, gives some 1 kPa there
+    kpa_per_mm: float = parameter(0.5, "kPa/mm", "pressure per stand-off from the link", ge=0)
+
+    def bind(self, arm: Arm, rng: Rng) -> PressureStep:
+        """Return ``step(pressures, t_s) -> pressures``, which adds the preload."""
+        preload = np.zeros(arm.n_tactels)
+        for p, placed in enumerate(arm.patches):
+            surface, at = arm.links[placed.link].surface, arm.tactels_of(p)
+            if surface.period > 0.0:
+                radius = surface.radius_at(arm.tactel_s[at])
+                around = surface.wrap(arm.tactel_a[at] - placed.a) * radius / surface.radius
+                preload[at] = 1e6 * self.kpa_per_mm * around**2 / (2.0 * radius)
+        return lambda pressures, t_s: pressures + preload
+
+
+@settings
 class Viscoelastic(Effect):
     """A layer that relaxes under held position, or creeps under held force: a standard linear solid.
 
@@ -100,6 +123,19 @@ class Hysteresis(Effect):
             return state.copy()
 
         return step
+
+
+@settings
+class GainSpread(Effect):
+    """Tactels differ in sensitivity from what their calibration says, fixed for the run."""
+
+    # FlexiForce A201 datasheet: repeatability +-2.5 %, what calibration leaves at best
+    sigma: float = parameter(0.025, "", "standard deviation of the factor about 1", ge=0, le=1)
+
+    def bind(self, arm: Arm, rng: Rng) -> PressureStep:
+        """Return ``step(pressures, t_s) -> pressures``."""
+        factor = 1.0 + self.sigma * rng.standard_normal(arm.n_tactels)
+        return lambda pressures, t_s: pressures * factor
 
 
 @settings

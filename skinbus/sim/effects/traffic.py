@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from statistics import NormalDist
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from skinbus.sim.effect import (
     Rng,
     TrafficEffect,
     at,
+    node_of,
     parameter,
     settings,
     unknown_nodes,
@@ -135,6 +137,26 @@ class BusOff(TrafficEffect):
     def check(self, arm: Arm) -> Sequence[Fault]:
         """Return faults for node-IDs that the arm does not have."""
         return unknown_nodes(arm, "nodes", self.nodes)
+
+
+class _LateAnswers(FrameStep):
+    def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
+        late: dict[int, int] = {}
+        for i, frame in enumerate(frames):
+            node_id = node_of(frame)
+            if node_id not in late:
+                share = next(self.draws[frame.can_id])
+                late[node_id] = round(1e3 * self.effect.sigma_us * NormalDist().inv_cdf(0.5 + 0.5 * share))
+            frames[i] = at(frame, frame.t_ns + late[node_id])
+
+
+@settings
+class ResponseJitter(TrafficEffect):
+    """Nodes take their time between SYNC and TPDOs; what one says at a time is late together."""
+
+    step = _LateAnswers
+    # assumed: firmware that serves SYNC from a task of 1 kHz, not from its interrupt
+    sigma_us: float = parameter(300.0, "us", "root mean square of the lateness", ge=0)
 
 
 class _Babble(FrameStep):

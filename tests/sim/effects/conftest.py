@@ -8,10 +8,10 @@ from skinbus.config.system import ods_of
 from skinbus.sim.effect import stream
 from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry
+from skinbus.sim.player import BOOT_NS, Player
 from skinbus.sim.scene import Scene
 from skinbus.sim.touch import Touch
 from skinbus.sim.world import World
-from tests.sim.player import BOOT_NS, Player
 
 
 @pytest.fixture(scope="session")

@@ -6,6 +6,8 @@ import numpy as np
 
 from skinbus.objects.cia import HEARTBEAT_PRODUCER
 from skinbus.sim import load_scene
+from skinbus.sim.effect import stream
+from skinbus.sim.effects.mounting import SyncJitter
 from skinbus.sim.effects.traffic import (
     BabblingNode,
     BusOff,
@@ -15,9 +17,20 @@ from skinbus.sim.effects.traffic import (
     Loss,
     PatchReset,
     PatchSilent,
+    ResponseJitter,
 )
 from skinbus.sim.scene import Scene
 from skinbus.sim.world import World
+
+# --- sync_jitter: the instants of sampling scatter as they should.
+
+
+def test_sampling_instants_scatter_normally_about_the_right_ones(forearm):
+    step = SyncJitter(sigma_us=100.0).bind(forearm, stream(7, "sync_jitter"))
+    errors = np.array([step(0.02 * k) - 0.02 * k for k in range(4000)])
+    assert abs(errors.mean()) < 4 * 100e-6 / np.sqrt(4000)
+    assert abs(errors.std() / 100e-6 - 1.0) < 0.05
+
 
 # --- clock_drift: rates that scatter, and heartbeats that show them.
 
@@ -77,6 +90,31 @@ def test_board_off_the_bus_misses_its_cycles_and_reports_its_return(simulate, fo
     assert len(emcy[0].data) == 8
 
 
+# --- response_jitter: lateness of a node's answers.
+
+
+PERIOD_NS = 20_000_000
+
+
+def lateness(run):
+    """Return (n_cycles, n_patches) ns of the TPDOs behind their SYNC, of nodes that said all four at once."""
+    late = {}
+    for f in run.tpdos():
+        late.setdefault((f.t_ns // PERIOD_NS, f.can_id & 0x7F), []).append(f.t_ns % PERIOD_NS)
+    assert all(len(times) == 4 for times in late.values())
+    assert all(len(set(times)) == 1 for times in late.values()), "all frames of a node are late together"
+    return np.array([times[0] for times in late.values()])
+
+
+def test_lateness_is_half_normal(simulate, forearm):
+    late = lateness(simulate([ResponseJitter(sigma_us=300.0)], n_syncs=60, arm=forearm)) / 300e3
+    n = len(late)
+    assert n == 60 * 24
+    assert (late >= 0).all()
+    assert abs(np.mean(late**2) - 1.0) < 4 * np.sqrt(2 / n)
+    assert abs(late.mean() - np.sqrt(2 / np.pi)) < 4 * 0.6 / np.sqrt(n)
+
+
 # --- babbling_node: its rate, its identifier, its times.
 
 
@@ -123,7 +161,7 @@ def test_shares_are_the_parameters_and_damage_is_one_bit_or_a_cut(simulate, fore
 
 def test_lateness_has_its_constant_and_its_mean(simulate, forearm):
     run = simulate([Delay(constant_us=200.0, mean_us=100.0)], n_syncs=40, arm=forearm)
-    late = np.array([f.t_ns % 20_000_000 for f in run.tpdos()]) / 1e3
+    late = np.array([f.t_ns % PERIOD_NS for f in run.tpdos()]) / 1e3
     n = len(late)
     assert n == 40 * 24 * 4
     assert late.min() >= 200.0

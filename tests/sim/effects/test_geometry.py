@@ -49,7 +49,7 @@ def test_shifts_and_turns_scatter_as_their_parameters_say(mount, forearm):
 # --- response: tactels that differ by the figures that are asked for, about the layer's own table.
 
 
-QUIET = {"gain": 0.0, "width": 0.0, "ellipse": 1.0, "residual": 0.0}
+QUIET = {"gain": 0.0, "width": 0.0, "ellipse": 1.0, "offset_pa": 0.0, "residual": 0.0}
 PATCH = Patch(tactels_uv=grid(8, 8, 6.25e-3), size=(0.06, 0.06))
 ARM = Arm(
     "board",

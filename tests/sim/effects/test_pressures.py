@@ -7,10 +7,12 @@ from scipy.stats import kstest
 
 from skinbus.sim.effects.readings import (
     Adc,
+    Bend,
     Burst,
     Crosstalk,
     Dead,
     Drift,
+    GainSpread,
     Hysteresis,
     Noise,
     Offset,
@@ -20,6 +22,21 @@ from skinbus.sim.effects.readings import (
     Viscoelastic,
     lines_of,
 )
+
+# --- bend: preload where a flat board stands off a curved link.
+
+
+def test_preload_is_stiffness_times_stand_off(apply, forearm):
+    out = apply(Bend(kpa_per_mm=0.5), 0.0, [0.0])[0]
+    surface = forearm.links[0].surface
+    radius = float(forearm.links[0].surface.radius)
+    w = np.array([-15, -5, 5, 15]) * 1e-3
+    wanted = 0.5e6 * w**2 / (2 * radius)
+    for p in range(forearm.n_patches):
+        around = surface.wrap(forearm.tactel_a[forearm.tactels_of(p)] - forearm.patch_a[p])
+        assert_allclose(out[forearm.tactels_of(p)], 0.5e6 * around**2 / (2 * radius), atol=1e-6)
+    assert_allclose(np.unique(np.round(out, 3)), np.unique(np.round(wanted, 3)))
+
 
 # --- viscoelastic: relaxation and creep of a standard linear solid, with its time constants.
 
@@ -53,12 +70,13 @@ def test_loop_is_as_wide_as_its_parameter_and_closes_at_zero(apply, pad):
     assert_allclose(0.5 * (falling[:half] + rising[:half]), up[:half], rtol=1e-9)
 
 
-# --- offset, noise: normally distributed, fixed for the run or new for each sample.
+# --- gain_spread, offset, noise: normally distributed, fixed for the run or new for each sample.
 
 
 @pytest.mark.parametrize(
     ("effect", "given", "mean", "sigma", "is_fixed"),
     [
+        (GainSpread(sigma=0.05), 1.0, 1.0, 0.05, True),
         (Offset(sigma_pa=300.0), 0.0, 0.0, 300.0, True),
         (Noise(sigma_pa=150.0), 1000.0, 1000.0, 150.0, False),
     ],
