@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import math
 import time
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from typing import Literal, Self, get_args
 
 import numpy as np
@@ -42,6 +43,7 @@ class Skin:
     ::
 
         for cycle in skin            every cycle once, in order
+        async for cycle in skin      the same beside other tasks
         skin.latest()                the newest cycle, at once
         skin.get(0.1)                the next cycle, if it comes within so long
         skin.on("touch", f)          f(contact), once for each event
@@ -214,6 +216,17 @@ class Skin:
             if cycle := self.get(POLL_S):
                 return cycle
         raise StopIteration
+
+    def __aiter__(self) -> AsyncIterator[Cycle]:
+        return self
+
+    async def __anext__(self) -> Cycle:
+        """Return the next cycle, while other tasks go on."""
+        while not self._has_ended():
+            # Only what was handed over is counted as taken: a task may be cancelled meanwhile.
+            if cycle := await asyncio.to_thread(self._feed.get, self._next, POLL_S):
+                return self._take(cycle)
+        raise StopAsyncIteration
 
     def _has_ended(self) -> bool:
         """Whether no more cycles will come; raises what has ended the source."""

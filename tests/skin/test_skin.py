@@ -1,5 +1,6 @@
 """One interface: cycles in order and counted where they are lost, errors raised, handlers called once."""
 
+import asyncio
 import logging
 
 import numpy as np
@@ -56,6 +57,21 @@ def test_latest_is_the_newest_and_takes_nothing_from_the_iteration(feed):
     with Skin(feed) as skin:
         assert skin.latest().number == 3
         assert next(skin).number == 1
+
+
+def test_async_iteration_gives_the_same_and_a_cancelled_task_loses_nothing(feed):
+    async def take():
+        skin = Skin(feed)
+        waiting = asyncio.ensure_future(anext(skin))
+        await asyncio.sleep(0)
+        waiting.cancel()
+        push(feed, 1, 2, 3)
+        feed.end()
+        numbers = [cycle.number async for cycle in skin]
+        skin.close()
+        return numbers
+
+    assert asyncio.run(take()) == [1, 2, 3]
 
 
 def test_what_ends_the_source_is_raised_after_the_cycles_before_it(feed):
