@@ -17,6 +17,7 @@ from skinbus.estimate.kernels.workspace import (
     HELD,
     NO_VALUE,
     PATCH_CLUSTERS,
+    RANDOM,
     RANK,
     SATURATED,
     VALUE,
@@ -42,7 +43,9 @@ class Estimator:
     ``budget_work``  work for one cycle, pressures evaluated by fits: the same bits on every machine; never
                      more than ``budget.most_work``
     ``clock``        what ``budget_us`` is measured by; the machine's monotonic clock unless given
+    ``start``        "maxima" (deterministic) or "random" (the paper's)
     ``k``            contacts of a touched patch, if they are known; None chooses
+    ``seed``         of the random starts
 
     Everything is compiled and allocated when the constructor returns.
 
@@ -59,11 +62,16 @@ class Estimator:
         budget_us: float | None = None,
         budget_work: int | None = None,
         clock: Clock | None = MONOTONIC,
+        start: str = "maxima",
         k: int | None = None,
+        seed: int = 0,
     ) -> None:
         check_arm(arm)
+        seed = check_integer("seed", seed)
         if level not in LEVELS:
             raise ValueError(f"level must be one of {', '.join(LEVELS)}; got {level!r}")
+        if start not in ("maxima", "random"):
+            raise ValueError(f"start must be 'maxima' or 'random', got {start!r}")
         if k is not None and check_integer("k", k) < 1:
             raise ValueError(f"k must be at least 1, got {k}")
         if budget_work is not None and check_integer("budget_work", budget_work) < 0:
@@ -85,9 +93,14 @@ class Estimator:
         pitches = [placed.patch.pitch * placed.scale for placed in arm.patches]
         self._search.pitch[0] = np.median(pitches) / self._unit
         self._tables = array_table(self._layout), array_table(self._work), array_table(self._search)
-        self._work.options[K] = 0 if k is None else min(k, PATCH_CLUSTERS)
+        self._work.options[:] = (
+            0 if k is None else min(k, PATCH_CLUSTERS),
+            start == "random",
+            0,
+        )
         set_budget(self._work.work, arm.n_tactels, None, None, None)
         self._run(self._rank)
+        self._work.random[0] = 1 + seed % 2147483646  # the generator's states are 1 ... 2^31 - 2
 
     def update(
         self,
@@ -215,7 +228,7 @@ def find_clusters(lay: Layout, w: Work) -> None:
     n_clusters = runtime_int(0)
     for patch in range(len(lay.patch_link)):
         if w.touched[patch]:
-            n_clusters += cluster_patch(lay, w, patch, n_clusters, w.options[K])
+            n_clusters += cluster_patch(lay, w, patch, n_clusters, w.options[K], w.options[RANDOM] != 0)
     merge_clusters(lay, w, n_clusters)
     write_contacts(lay, w, n_clusters)
 

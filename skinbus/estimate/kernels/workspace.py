@@ -24,14 +24,14 @@ FREE, TOUCHED, HELD = 0, 1, 2
 """What a tactel feels: nothing, a touch, one that it has felt in the cycle before."""
 NO_VALUE, VALUE, SATURATED = 0, 1, 2
 """State of a tactel in this cycle: no value, its pressure, or that the pressure is at least its limit."""
-K, RANK = range(2)
-"""Places in ``Work.options``: contacts of a touched patch, 0 to choose; level."""
+K, RANDOM, RANK = range(3)
+"""Places in ``Work.options``: contacts of a touched patch, 0 to choose; whether starts are random; level."""
 
 
 class Work(NamedTuple):
     """Buffers of a cycle; n = n_tactels, c = most clusters and contacts."""
 
-    options: Ints  # (2,)
+    options: Ints  # (3,)
     pressure: Floats  # (n,) Pa, as handed in
     valid: Bools  # (n,) whether the reading is there
     felt: npt.NDArray[np.int8]  # (n,)
@@ -49,6 +49,7 @@ class Work(NamedTuple):
     sorted: Floats  # (n,) Pa, scratch
     member: Ints  # (n,) tactels of the contact being described
     starts: Ints  # (PATCH_CLUSTERS,) tactels where the clusters of a patch start
+    random: Ints  # (1,) state of the generator of random starts
     work: Ints  # (5,) see ``budget``
 
     cluster_peak: Ints  # (c,) tactel of its largest pressure
@@ -123,7 +124,7 @@ def make_workspace(lay: Layout) -> Work:
     """Return zeroed buffers for an arm."""
     n, sizes = len(lay.s), np.diff(lay.patch_start)
     m, c = len(sizes), int(np.minimum(sizes, PATCH_CLUSTERS).sum()) + SPARE
-    of_cycle = {"options": 2, "starts": PATCH_CLUSTERS, "work": 5, "n_contacts": 1}
+    of_cycle = {"options": 3, "starts": PATCH_CLUSTERS, "random": 1, "work": 5, "n_contacts": 1}
     of_patches = dict.fromkeys(("touched", "pressed", "offset", "offset_variance"), m)
     of_tactels = dict.fromkeys(["pressure", "valid", "felt", "p", "state", "active", "held", "label"], n)
     of_tactels |= dict.fromkeys(["parent", "order", "sorted", "member", "next_of"], n)

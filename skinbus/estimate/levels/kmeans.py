@@ -7,7 +7,7 @@
 
 Start and K: the local maxima of the pressure on the neighbourhood graph that stand out of it: one has
 to go down by ``STANDS_OUT`` of the noise, and by ``DIP`` of the maximum, before going up to a higher one
-(persistence). The paper starts at random tactels. A tactel without a value is stepped over.
+(persistence). The paper's random start is here too. A tactel without a value is stepped over.
 
 Assumption: pressure falls with distance from a contact. Failure: contacts so near that their fields
 show one maximum become one cluster, which only the fit can divide.
@@ -33,14 +33,18 @@ MAX_ROUNDS = 64
 
 
 @inner_kernel
-def cluster_patch(lay: Layout, w: Work, patch: int, first: int, k_wanted: int) -> int:
+def cluster_patch(lay: Layout, w: Work, patch: int, first: int, k_wanted: int, random: bool) -> int:
     """Cluster the active tactels of a patch into columns ``first``...; return the number of clusters.
 
-    ``k_wanted`` 0 chooses K by the maxima. Clusters may end without tactels.
+    ``k_wanted`` 0 chooses K by the maxima. ``random`` starts from K random active tactels instead. Clusters
+    may end without tactels.
     """
     i0, i1 = lay.patch_start[patch], lay.patch_start[patch + 1]
     k = find_maxima(lay, w, i0, i1, k_wanted)
-    k = add_far_starts(lay, w, i0, i1, k, k_wanted)
+    if random:
+        k = draw_starts(w, i0, i1, k if k_wanted == 0 else k_wanted)
+    elif k < k_wanted:
+        k = add_far_starts(lay, w, i0, i1, k, k_wanted)
     for c in range(k):
         w.cluster_x[first + c] = lay.x[w.starts[c]]
         w.cluster_y[first + c] = lay.y[w.starts[c]]
@@ -148,6 +152,24 @@ def keep(w: Work, i: int, k: int) -> int:
         j -= 1
     starts[j] = i
     return min(k + 1, PATCH_CLUSTERS)
+
+
+@inner_kernel
+def draw_starts(w: Work, i0: int, i1: int, k: int) -> int:
+    """Write k distinct random active tactels to ``starts``; return how many (paper, section IV)."""
+    n = 0
+    for i in range(i0, i1):
+        if w.active[i]:
+            w.order[n] = i
+            n += 1
+    k = min(k, n, PATCH_CLUSTERS)
+    for c in range(k):
+        # Park-Miller generator: exact in 64-bit integers, the same bits with and without compilation
+        w.random[0] = w.random[0] * 48271 % 2147483647
+        pick = c + w.random[0] % (n - c)
+        w.order[c], w.order[pick] = w.order[pick], w.order[c]
+        w.starts[c] = w.order[c]
+    return k
 
 
 @inner_kernel

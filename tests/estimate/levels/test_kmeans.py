@@ -46,21 +46,36 @@ def spread(uv, weights, labels, k):
 
 
 @pytest.mark.parametrize(("n", "k"), [(4, 2), (6, 3), (8, 2), (8, 3), (9, 2), (10, 2)])
-def test_clusters_are_fixed_points_and_those_of_groups_apart_are_the_best_of_all_partitions(n, k):
+def test_clusters_are_fixed_points_and_the_best_of_random_starts_is_the_best_of_all_partitions(n, k):
     rng = np.random.default_rng(100 * n + k)
     every = np.array([labels for labels in itertools.product(range(k), repeat=n) if len(set(labels)) == k])
-    for apart, least in [(0.0, 2e3), (0.1, 1.9e4)] * 3:
-        uv = rng.uniform(-0.02, 0.02, (n, 2)) + apart * (np.arange(n) % k)[:, None]
-        weights = rng.uniform(least, 2e4, n)
-        contacts = Estimator(Arm.single_patch(uv), "kmeans", k=k).update(weights, 0)
-        own = np.stack([contacts.s, contacts.a], -1)
-        labels = np.hypot(*(uv[:, None] - own).transpose(2, 0, 1)).argmin(axis=1)
-        assert set(labels) == set(range(k))
-        cost, centres = spread(uv, weights, labels, k)
-        assert np.allclose(own, centres, atol=1e-12)
+    for _ in range(3):
+        uv, weights = rng.uniform(-0.02, 0.02, (n, 2)), rng.uniform(2e3, 2e4, n)
+        arm, found = Arm.single_patch(uv), []
+        for start, cycles in (("maxima", 1), ("random", 60)):
+            estimator = Estimator(arm, "kmeans", start=start, k=k)
+            for t_ns in range(cycles):  # the generator goes on from cycle to cycle
+                contacts = estimator.update(weights, t_ns)
+                if start == "random" and len(contacts) < k:
+                    continue  # a cluster lost all its tactels
+                own = np.stack([contacts.s, contacts.a], -1)
+                labels = np.hypot(*(uv[:, None] - own).transpose(2, 0, 1)).argmin(axis=1)
+                assert set(labels) == set(range(k))
+                cost, centres = spread(uv, weights, labels, k)
+                assert np.allclose(own, centres, atol=1e-12)
+                found.append(cost)
         best = spread(uv, weights, every, k)[0].min()
-        assert best * (1.0 - 1e-12) <= cost
-        assert not apart or cost <= best * (1.0 + 1e-9)
+        assert best * (1.0 - 1e-12) <= min(found) <= best * (1.0 + 1e-9)
+
+
+def test_random_starts_are_the_same_for_the_same_seed(pad):
+    pressures = pressures_of(pad, [(-0.012, 0.0, 5.0), (0.012, 0.003, 4.0)], cone_field)
+    one, same, *others = (
+        Estimator(pad, "kmeans", start="random", k=2, seed=seed).update(pressures, 0)
+        for seed in (1, 1, 2, 3, 4)
+    )
+    assert np.array_equal(one.s, same.s)
+    assert [len(contacts) for contacts in (one, *others)] == [2] * 4
 
 
 def test_missing_and_dead_tactels_say_nothing(pad):
@@ -121,6 +136,6 @@ def test_wrong_arguments_are_refused(pad):
         estimator.update(np.zeros(15), 0)
     with pytest.raises(ValueError, match="valid"):
         estimator.update(np.zeros(16), 0, np.ones(3, bool))
-    for name, value in (("level", "best"), ("k", 0)):
+    for name, value in (("level", "best"), ("start", "middle"), ("k", 0)):
         with pytest.raises(ValueError, match=name):
             Estimator(pad, **{name: value})
