@@ -78,7 +78,7 @@ class Estimator:
             raise ValueError(f"budget_work must not be negative, got {budget_work}")
         _check_budget(budget_us, clock)
         self.arm = arm
-        self.level, self._rank = level, LEVELS.index(level)
+        self.allow(level)
         self.budget_us = budget_us
         self._budget_work = budget_work
         self._clock = clock
@@ -101,6 +101,10 @@ class Estimator:
         set_budget(self._work.work, arm.n_tactels, None, None, None)
         self._run(self._rank)
         self._work.random[0] = 1 + seed % 2147483646  # the generator's states are 1 ... 2^31 - 2
+
+    def allow(self, level: str) -> None:
+        """Let cycles have a higher level, whose kernels are compiled by now."""
+        self.level, self._rank = level, LEVELS.index(level)
 
     def update(
         self,

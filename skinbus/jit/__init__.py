@@ -64,6 +64,10 @@ def runtime_int(n: int) -> int:
     return n + 0
 
 
+class CompileRefused(Exception):
+    """A kernel would have to be compiled."""
+
+
 class _Listener(event.Listener):
     """Calls a function before each compilation."""
 
@@ -85,3 +89,8 @@ def on_compile(call: Callable[[], object]) -> Iterator[None]:
     """
     with event.install_listener("numba:compile", _Listener(call)):
         yield
+
+
+def refuse() -> None:
+    """Raise CompileRefused: for :func:`on_compile`, where kernels may be loaded only."""
+    raise CompileRefused

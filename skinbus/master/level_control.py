@@ -80,6 +80,7 @@ class LevelControl:
 
     Args:
         level: the one asked for, the highest ever used.
+        available: the highest whose kernels are compiled, until ``limit`` is set; None: all.
         budget_us: most time for the estimator, us; None: what the period leaves.
         is_timed: whether the estimator has a clock; without one no budget is given.
     """
@@ -89,6 +90,7 @@ class LevelControl:
         period_ns: int,
         bitrate: int,
         level: str,
+        available: str | None = None,
         *,
         budget_us: float | None,
         is_timed: bool,
@@ -101,7 +103,9 @@ class LevelControl:
         self._bit_ns = 1_000_000_000 / bitrate
         self._most_us = budget_us
         self._is_timed = is_timed
-        self._top = self._rank = LEVELS.index(level)
+        self._top = LEVELS.index(level)
+        self.limit = self._rank = LEVELS.index(available or level)
+        """The highest that may be used now."""
         self._publishing_ns = 0.0
         self._n_contacts = 0
         self._strained: deque[bool] = deque(maxlen=WINDOW)
@@ -178,7 +182,7 @@ class LevelControl:
             self._is_overloaded = False
         if self._n_since_raise == self._wait and self._wait > WAIT_LEAST:  # it has lasted
             self._wait //= 2
-        if self._n_calm >= self._wait and self._rank < self._top:
+        if self._n_calm >= self._wait and self._rank < self.limit:
             self._go_to(self._rank + 1)
             self._n_since_raise = 0
             return f"raised to {self.level}: at most half the time was needed in {self._wait} cycles"

@@ -19,7 +19,7 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import CobIds, Frame, FrameBatch, Frames
 from skinbus.config.system import ods_of
 from skinbus.errors import BusError
-from skinbus.estimate import DEFAULT_LEVEL, Clock, Estimator, Quality
+from skinbus.estimate import DEFAULT_LEVEL, LEVELS, Clock, Estimator, Quality
 from skinbus.master.bus_master import BusMaster
 from skinbus.master.cycle import Cycle, CycleReport
 from skinbus.master.freshness import GAP, Freshness
@@ -54,6 +54,7 @@ class Master(Core):
     that is less. Without a clock there is no limit.
     With ``follows`` it sends no SYNC and boots no patch: cycles begin with the SYNCs on the bus, and all
     readings in answer to them are taken as fresh, which a listener or a replay cannot verify.
+    ``available`` is the highest level whose kernels are compiled, until ``allow`` raises it.
     With a ``number`` of 32 bits, another for each master, it gives way to a better claim of the bus.
     """
 
@@ -62,6 +63,7 @@ class Master(Core):
         arm: Arm,
         *,
         level: str = DEFAULT_LEVEL,
+        available: str | None = None,
         budget_us: float | None = None,
         clock: Clock | None = None,
         node_id: int = MASTER_NODE_ID,
@@ -83,10 +85,10 @@ class Master(Core):
         self.table = PatchTable(arm.n_patches)
         self.freshness = Freshness(plan, self.period_ns, follows=follows, overflow=arm.bus.sync_counter)
         self.gather = Gather(plan, arm.n_tactels, self.freshness, 1_000_000 * arm.bus.max_age_ms)
-        estimator = Estimator(arm, level=level, clock=clock)
+        estimator = Estimator(arm, level=available or level, clock=clock)
         slowest = min(bus.bitrate for bus in arm.buses)
         self.level_control = LevelControl(
-            self.period_ns, slowest, level, budget_us=budget_us, is_timed=clock is not None
+            self.period_ns, slowest, level, available, budget_us=budget_us, is_timed=clock is not None
         )
         self.cycle = Cycle(arm, plan, estimator, zero_at_start=zero_at_start)
         self.cycle.serials = self.table.serial
@@ -177,6 +179,11 @@ class Master(Core):
             if _has_sync(own) and not branch.is_lost:
                 self.gather.excuse(branch.patches)
                 self.freshness.sync_was_lost(now_ns, branch.patches)
+
+    def allow(self, level: str) -> None:
+        """Let a level be used as soon as there is time: its kernels are loaded. Any thread may call it."""
+        self.cycle.estimator.allow(level)
+        self.level_control.limit = LEVELS.index(level)
 
     def step(self, now_ns: int, frames: Frames) -> Step:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing
 from functools import cache
 from pathlib import Path
+from subprocess import Popen
 from typing import Any
 
 from skinbus.bus.core_thread import CoreThread
@@ -23,6 +24,7 @@ from skinbus.master import CycleReport, Master
 from skinbus.master.other_master import OtherMaster
 from skinbus.model import Arm
 from skinbus.skin.addresses import BusAddress, find_places, shown
+from skinbus.skin.compile_ahead import allow_when_compiled, first_level, start_compiling
 from skinbus.skin.contact import Level
 from skinbus.skin.feed import Feed, set_zero
 from skinbus.skin.master_cycles import CycleMaker
@@ -104,8 +106,8 @@ def make_master(
     level: str,
     meanwhile: AbstractContextManager[None],
     **settings: Any,
-) -> Master:
-    """Return a master, with its kernels.
+) -> tuple[Master, Popen[bytes] | None]:
+    """Return a master, and the process that compiles its level if that is not compiled yet.
 
     The buses are opened first: one that cannot be is an error at once, and other masters are detected.
 
@@ -118,14 +120,18 @@ def make_master(
     """
     with ExitStack() as stack:
         buses = [stack.enter_context(closing(place.open())) for place in places]
+        available = first_level(level)
+        compiler = start_compiling() if available != level else None
         clocks: dict[str, Any] = {"clock": monotonic_clock(), "stopwatch": time.perf_counter_ns}
         with meanwhile:
-            master = Master(arm, number=secrets.randbits(32), level=level, **clocks, **settings)
+            master = Master(
+                arm, number=secrets.randbits(32), level=level, available=available, **clocks, **settings
+            )
         for bus, place in zip(buses, places, strict=True):
             other_master = OtherMaster()
             other_master.step(0, bus.receive(0.0) or bus.receive(2.0 / arm.bus.rate_hz))
             other_master.refuse(str(place))
-    return master
+    return master, compiler
 
 
 class _MasterFeed(Feed):
@@ -139,7 +145,9 @@ class _MasterFeed(Feed):
         super().__init__(self._maker.layout, f"master on {shown(places)}")
         self._wanted: deque[tuple[int | None, threading.Event]] = deque()
         self._report: CycleReport | None = None
-        self._master = make_master(arm, places, level, saying_why(), on_cycle=self._on_cycle, **settings)
+        self._master, compiler = make_master(
+            arm, places, level, saying_why(), on_cycle=self._on_cycle, **settings
+        )
         self.robot = self._master.robot
         with ExitStack() as undo:
             self._writer = undo.enter_context(closing(SharedWriter(share, self.layout))) if share else None
@@ -153,6 +161,8 @@ class _MasterFeed(Feed):
             )
             undo.pop_all()
         self._thread.start()
+        if compiler:
+            allow_when_compiled(self._master, level, compiler)
 
     def zero(self, patch: int | None) -> None:
         """Take new zeros at the end of the next cycle."""

@@ -34,6 +34,7 @@ from skinbus.master.patches.table import PatchState
 from skinbus.model import Arm
 from skinbus.robot.chain import check_robot
 from skinbus.skin.addresses import shown
+from skinbus.skin.compile_ahead import allow_when_compiled
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.opened import make_master
@@ -95,7 +96,7 @@ def command(
     places = where.places(*loaded.buses)
     console = Console(outlives_reader=True)
     run = Run(loaded, console)
-    run.master = make_master(
+    run.master, compiler = make_master(
         loaded,
         places,
         level,
@@ -118,6 +119,9 @@ def command(
         patches = f"{counted(loaded.n_patches, 'patch')} on {shown(places)}"
         echo(f"{loaded.name}: {patches}, SYNC at {loaded.bus.rate_hz:g} Hz; Ctrl-C stops")
         stack.enter_context(host)
+        if compiler:
+            run.say(f"contacts of level {run.master.level_control.level} until {level} is compiled")
+            allow_when_compiled(run.master, level, compiler)
         with live_screen(console, loaded, is_wanted=not quiet) as show:
             host.wait(seconds, REFRESH_S, partial(run.follow, show))
         run.notifier.stopping()

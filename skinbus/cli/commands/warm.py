@@ -17,10 +17,8 @@ from skinbus.cli.host import compiling
 from skinbus.cli.output import echo
 from skinbus.estimate import LEVELS
 from skinbus.jit.kernel_files import kernel_folder
+from skinbus.skin.compile_ahead import ARM
 from skinbus.skin.simulated import simulate
-
-ARM = "pad"
-"""Kernels are compiled for the kinds of their arguments, which are the same for every arm: the smallest."""
 
 
 @click.command()
@@ -47,7 +45,7 @@ def command() -> None:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
             BatchReader(sock, MonotonicClock(), 1, finish_kernel())
         for level in reversed(LEVELS):  # who started this may compile `kmeans` meanwhile
-            with simulate(ARM, level=level) as skin:
+            with simulate(ARM, level=level) as skin:  # the smallest arm: kernels are the same for all
                 next(skin)
     if folder.path is None:
         echo(f"skinbus: the kernels cannot be kept: {folder.fault}", err=True)
