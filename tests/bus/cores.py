@@ -8,6 +8,11 @@ ERROR_BITS = 20
 """The error flags of all nodes (12) and the delimiter (8); intermission is part of the destroyed frame."""
 
 
+def bare(frames):
+    """Frames without their times."""
+    return [(frame.can_id, frame.data, frame.flags) for frame in frames]
+
+
 def destroy_one(wire, can_id):
     """Let a bit error in its last bit destroy the next frame with an identifier; its sender repeats it."""
 

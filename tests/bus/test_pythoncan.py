@@ -13,6 +13,7 @@ import pytest
 from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.can.frame import EXTENDED, RTR, Frame
 from skinbus.errors import BusError
+from tests.bus.cores import bare
 from tests.own_bus import own_port
 
 WAIT_S = 60.0  # nothing waits that long when all is well
@@ -37,10 +38,6 @@ def exchange(a, b, frames):
     """Send over a; what b has heard once as many frames have come."""
     assert a.send(frames) == len(frames)
     return receive_until(b, lambda heard: len(heard) >= len(frames))
-
-
-def bare(frames):
-    return [(frame.can_id, frame.data, frame.flags) for frame in frames]
 
 
 CLASSIC = [

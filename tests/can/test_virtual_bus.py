@@ -7,15 +7,10 @@ from hypothesis import strategies as st
 from skinbus.can.frame import EXTENDED, RTR, Frame
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.can.wire_bits import frame_bits
-from tests.bus.cores import ERROR_BITS, Talker, destroy_one
+from tests.bus.cores import ERROR_BITS, Talker, bare, destroy_one
 
 BIT_NS = 1000  # at 1 Mbit/s
 SECOND_NS = 1_000_000_000
-
-
-def bare(frames):
-    """Frames without their times."""
-    return [(frame.can_id, frame.data, frame.flags) for frame in frames]
 
 
 def test_frame_is_heard_at_the_end_of_its_last_bit_by_all_others():

@@ -39,6 +39,14 @@ def write_scene(folder, touches, arm=ARM):
     return put(folder, "scene.toml", scene)
 
 
+CONTACT_IDS = range(0x681, 0x691)
+
+
+def contacts_in(frames):
+    """The contact TPDOs of frames, to the byte."""
+    return [(frame.can_id, frame.data) for frame in frames if frame.can_id in CONTACT_IDS]
+
+
 class BusesRig(Rig):
     """Everything that a test looks at; frames by bus."""
 

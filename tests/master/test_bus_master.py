@@ -7,10 +7,19 @@ import pytest
 from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
-from tests.master.buses_rig import LEFT, MS, ON_LEFT, ON_RIGHT, ON_SEAM, RIGHT, BusesRig, write_scene
+from tests.master.buses_rig import (
+    LEFT,
+    MS,
+    ON_LEFT,
+    ON_RIGHT,
+    ON_SEAM,
+    RIGHT,
+    BusesRig,
+    contacts_in,
+    write_scene,
+)
 from tests.master.faults_rig import emcy
 
-CONTACT_IDS = range(0x681, 0x691)
 SUMMARY_ID = 0x1FF
 
 
@@ -33,15 +42,11 @@ def times(frames, cob_id):
     return [frame.t_ns for frame in frames if frame.can_id == cob_id]
 
 
-def contacts(frames):
-    return [(frame.can_id, frame.data) for frame in frames if frame.can_id in CONTACT_IDS]
-
-
 @pytest.mark.slow
 def test_contacts_are_published_alike_on_every_bus(rig):
     _, _, (left, right) = rig.run(1000)
-    assert contacts(left) == contacts(right)
-    assert len(contacts(left)) == 2 * 50
+    assert contacts_in(left) == contacts_in(right)
+    assert len(contacts_in(left)) == 2 * 50
     assert len(times(left, SUMMARY_ID)) == len(times(right, SUMMARY_ID)) == 50
 
 

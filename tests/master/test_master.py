@@ -5,8 +5,8 @@ import pytest
 
 from skinbus.master.level_control import with_level
 from skinbus.objects.contacts import LENGTH_STEP, PAYLOAD, ContactState
+from tests.master.buses_rig import CONTACT_IDS
 
-CONTACT_IDS = range(0x681, 0x691)
 SUMMARY_ID = 0x180 + 127
 
 

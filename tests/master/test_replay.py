@@ -7,21 +7,15 @@ import numpy as np
 import pytest
 
 from skinbus.master.replay import Replay
-from tests.master.buses_rig import ON_LEFT, ON_RIGHT, ON_SEAM, BusesRig, write_scene
+from tests.master.buses_rig import ON_LEFT, ON_RIGHT, ON_SEAM, BusesRig, contacts_in, write_scene
 from tests.master.rig import MS, Rig
 
-CONTACT_IDS = range(0x681, 0x691)
 S = 1000 * MS
 
 
 def recorded(frames):
     """Frames as a file has them: whole microseconds."""
     return [frame._replace(t_ns=frame.t_ns // 1000 * 1000) for frame in frames]
-
-
-def contacts_in(frames):
-    """The contact TPDOs of frames, to the byte."""
-    return [(frame.can_id, frame.data) for frame in frames if frame.can_id in CONTACT_IDS]
 
 
 def sent_by(replay):
