@@ -22,7 +22,7 @@ from skinbus.errors import ConfigError
 from skinbus.file_bytes import read_bytes, write_whole
 
 Change = Mapping[str, Any]
-"""New values by key; None takes a key out."""
+"""New values by key."""
 
 _HEADER = re.compile(r"^(?=[ \t]*\[\[?[ \t]*([\w-]+)[ \t]*\]\]?[ \t]*(?:#.*)?\r?$)", re.MULTILINE)
 """Of a table; those of tables in it have a point in their names."""
@@ -48,7 +48,7 @@ def edit_arm(path: Path, text: str, changes: Mapping[str, Change]) -> str:
             if table:
                 wanted[kind].append(table)
             continue
-        own = [_with(board, changes.get(key, {})) for key, board in boards.items()]
+        own = [{**board, **changes.get(key, {})} for key, board in boards.items()]
         wanted["patch"] += own
         lines = block.splitlines()
         n = len(lines)
@@ -95,11 +95,6 @@ def _boards(kind: str, name: str, table: dict[str, Any]) -> dict[str, dict[str, 
         return {name: table}
     boards = RingTable.model_validate(table).boards()
     return {f"{name}#{k}": board.model_dump(exclude_unset=True) for k, board in enumerate(boards, 1)}
-
-
-def _with(table: dict[str, Any], change: Change) -> dict[str, Any]:
-    """Return a table with other values."""
-    return {key: value for key, value in {**table, **change}.items() if value is not None}
 
 
 def _filled(document: dict[str, Any]) -> dict[str, Any]:

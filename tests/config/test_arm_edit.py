@@ -81,10 +81,6 @@ def test_nothing_changes_without_a_change(edit):
     assert edit(FILE.replace("\n", "\r\n"), {}) == FILE.replace("\n", "\r\n")
 
 
-def test_a_key_is_taken_out(edit):
-    assert "angle_deg" not in edit(FILE, {"patch[1]": {"angle_deg": None}})
-
-
 def test_a_ring_becomes_patches_where_it_stood(edit, tmp_path):
     edited = edit(FILE, {"ring[1]#2": {"node_id": 40, "yaw_deg": -90.0, "serial": 7}})
     before, after = mountings(FILE, tmp_path), mountings(edited, tmp_path)
