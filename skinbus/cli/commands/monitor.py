@@ -18,7 +18,7 @@ from skinbus.skin.listened import listen
 from skinbus.view.screen import REFRESH_S, Screen, live_screen
 
 SILENT_S = 1.0
-"""A master that was not heard for so long has gone."""
+"""A master that has sent nothing for so long has gone."""
 
 
 @click.command()
