@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import secrets
+import socket
 import time
 from collections.abc import Callable
 from contextlib import redirect_stdout
@@ -61,8 +62,12 @@ class Server(viser.ViserServer):
         """Serve at an address; what viser prints of itself is left out.
 
         Raises:
-            SkinbusError: no port can be had.
+            SkinbusError: this machine does not have the address.
         """
+        try:  # viser would wait for ever
+            socket.create_server((host, 0), family=socket.getaddrinfo(host, 0)[0][0]).close()
+        except (OSError, UnicodeError) as error:
+            raise SkinbusError(f"--host {host}: wanted an address of this machine ({error})") from error
         self.token = secrets.token_urlsafe(12)
         self._may_change: set[int] = set()
         with redirect_stdout(StringIO()):
@@ -140,7 +145,7 @@ class Page:
 
         Raises:
             ConfigError: faults of the robot's URDF.
-            SkinbusError: no port can be had.
+            SkinbusError: this machine does not have the address.
         """
         self._arm, self._source, self._title = arm, source, title
         self._poses = Poses(arm)
