@@ -241,12 +241,10 @@ def _force_faults(table: PressTable, shipped: HeldOutErrors, errors: HeldOutErro
     """
     if table.force is None:
         return
-    rows = shipped.found & errors.inside
     load = np.nansum(np.maximum(table.pressures, 0.0), axis=1) * table.pitch**2
-    ratios = (
-        [float(np.median((x / table.force)[rows])) for x in (load, shipped.force)] if rows.any() else [1.0]
-    )
-    off = min(ratios, key=lambda ratio: abs(math.log(ratio)))
+    judged = ((load, errors.inside & (load > 0.0)), (shipped.force, shipped.found & errors.inside))
+    ratios = [float(np.median((x / table.force)[rows])) for x, rows in judged if rows.any()]
+    off = min(ratios, key=lambda ratio: abs(math.log(ratio)), default=1.0)
     if decade := round(math.log10(off)):
         near = [name for name, factor in FORCES.items() if abs(math.log(off / factor)) < math.log(2.0)]
         unit = f", as by {' or by '.join(near)}" if near else ""

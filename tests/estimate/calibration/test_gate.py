@@ -75,9 +75,13 @@ def test_axes_units_and_boards_that_fit_are_named(boards):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("factor", "unit", "other"), [(1e3, "mN", "kN"), (1e-3, "kN", "mN")])
-def test_forces_in_another_unit_are_refused_with_that_unit(boards, factor, unit, other):
-    words = said(replace(boards.table, force=np.full(len(boards.table), 8.0 * factor)))
+@pytest.mark.parametrize(
+    ("factor", "by", "unit", "other"),
+    [(1e3, 1.0, "mN", "kN"), (1e-3, 1.0, "kN", "mN"), (1.0, 1e-3, "mN, or readings in kPa", "kN")],
+)
+def test_forces_or_readings_in_another_unit_are_refused_with_that_unit(boards, factor, by, unit, other):
+    force, pressures = np.full(len(boards.table), 8.0 * factor), by * boards.table.pressures
+    words = said(replace(boards.table, force=force, pressures=pressures))
     assert f"force_n in {unit}" in words
     assert f"force_n in {other}" not in words
 
