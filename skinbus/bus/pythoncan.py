@@ -187,12 +187,11 @@ class PythonCanBus(Bus):
             if self.interface == "udp_multicast":
                 return MulticastBus(self.channel or DEFAULT_CHANNELS[self.interface], **settings)
             return can.Bus(channel=self.channel, interface=self.interface, ignore_config=True, **settings)
-        except can.CanInterfaceNotImplementedError as error:
-            if "msgpack" in str(error):
-                raise BusError(f"{self} needs the package msgpack: pip install msgpack") from error
-            raise BusError(f"{self} cannot be used on this machine: {error}") from error
         except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
-            raise BusError(f"{self} cannot be opened: {error}{advice(_errno(error))}") from error
+            more = advice(_errno(error))
+            if isinstance(error, can.CanInterfaceNotImplementedError):
+                more = "; serial adapters and udp_multicast need pip install 'skinbus[serial,multicast]'"
+            raise BusError(f"{self} cannot be opened: {error}{more}") from error
 
 
 def known_interfaces() -> list[str]:

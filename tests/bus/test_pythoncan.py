@@ -76,6 +76,7 @@ def test_reception_goes_on_after_garbage_datagrams():
         (OSError(errno.EAFNOSUPPORT, "Address family not supported"), "kernel of this machine has no CAN"),
         (OSError(errno.EPERM, "Operation not permitted"), "may not open it"),
         (can.CanInitializationError("no such dongle"), "no such dongle"),
+        (can.CanInterfaceNotImplementedError("no serial"), r"no serial; .*skinbus\[serial,multicast\]"),
     ],
 )
 def test_interface_that_cannot_be_opened_says_what_to_do(monkeypatch, error, advice):
