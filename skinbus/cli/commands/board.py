@@ -268,7 +268,7 @@ def lint_eds(eds: str) -> None:
 def firmware(eds: str | None, arm: str | None, out: Path) -> None:
     """Write the firmware of a board as a C99 project.
 
-    What your hardware has to do is six functions, see ports/skeleton.c in it and docs/firmware.md. Files of
+    What your hardware has to do is seven functions, see ports/skeleton.c in it and docs/firmware.md. Files of
     the project that you have changed are replaced: keep your port under a name of its own.
 
     With --relay the project is a node without tactels, for each bus of the arm: it opens an output when a

@@ -51,8 +51,8 @@ def command(arm: str | None, where: Where, unit: bool) -> None:
 
     `skinbus scan` and `skinbus configure --dry-run` check the boards.
 
-    Nothing is changed. Status 1 when there is something to do, 2 when the arm file has faults, or there is no
-    such interface or no channel.
+    Nothing is changed. Status 1 when there is something to do, 2 when the arm file has faults, python-can
+    does not know --interface, or a bus has no channel.
 
     \b
     Examples:

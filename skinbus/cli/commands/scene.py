@@ -10,6 +10,7 @@ import click
 
 from skinbus.cli.console import Console
 from skinbus.cli.output import echo
+from skinbus.config.wording import nearest
 from skinbus.formatting import counted
 from skinbus.robot.chain import check_robot
 from skinbus.sim import load_scene, scene_names
@@ -48,8 +49,9 @@ def list_(names: tuple[str, ...]) -> None:
     effects = [effect_class(name) for name in ORDER]
     items: list[tuple[str, str, Any]] = [(name, "law", cls) for name, cls in sorted(LAWS.items())]
     items += [(cls.name, cls.stage.name.lower(), cls) for cls in effects]
-    if unknown := set(names) - {name for name, _, _ in items}:
-        raise click.BadParameter(f"no effect or layer: {', '.join(sorted(unknown))}", param_hint="NAMES")
+    known = [name for name, _, _ in items]
+    for name in set(names).difference(known):
+        raise click.BadParameter(f"no effect or layer: {name}{nearest(name, known)}", param_hint="NAMES")
     for name, stage, cls in items:
         if name in names:
             rows = [(one.name, _shown(one), one.metadata["description"]) for one in fields(cls)]

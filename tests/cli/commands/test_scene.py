@@ -8,7 +8,7 @@ def test_list_of_names_explains_their_parameters():
     said = run("scene", "list", "noise", "elastic")
     for word in ("sigma_pa", "200 Pa", "standard deviation", "poisson"):
         assert word in said
-    run("scene", "list", "nois", status=2)
+    assert "did you mean 'noise'?" in run("scene", "list", "nois", status=2)
 
 
 def test_check_says_that_a_file_is_right(tmp_path):
