@@ -50,7 +50,7 @@ board new --grid 4x4 --pitch-mm 8 --out board.eds       -> is there already; it 
 board new --positions t1.csv --out x.eds                -> u_mm
 board new --positions t2.csv --out x.eds                -> line 2, v_mm
 board new --positions t3.csv --out x.eds                -> rows 2 and 3
-board new --positions t7.csv --pitch-mm 8 --out x.eds   -> rows 1 and 3
+board new --positions t7.csv --pitch-mm 8 --out x.eds   -> rows 1 and 3 | mm apart
 board new --positions t8.csv --out x.eds                -> 30000 tactels; wanted 1 to 64
 board new --positions t4.csv --out x.eds                -> pitch of inf mm
 board new --positions t5.csv --pitch-mm 8 --out x.eds   -> 1 at least
@@ -66,6 +66,8 @@ scan identify pad                                       -> --out
 scan identify link.csv                                  -> symbolic link
 doctor forearm --interface slcan --unit                 -> the unit is for SocketCAN
 view forearm --attach x --channel can0                  -> no bus is used
+view pad --zero                                         -> --zero is for a recording
+view pad --host 192.0.2.1                               -> 192.0.2.1: wanted an address of this machine
 view two-finger                                         -> scene: is 'two-finger' | 'two-fingers'
 view empty.log                                          -> a recording needs --arm
 view empty.log.gz                                       -> a recording needs --arm
@@ -134,6 +136,7 @@ export field.log --arm pad --out no/such/x.mcap         -> cannot write
 export none.log --arm pad --out x.mcap                  -> No such file
 export empty.log --arm pad --out x.mcap                 -> empty
 export field.log --arm pad --out x.dbc                  -> arm alone
+export --arm pad --out x.dbc --zero                     -> arm alone
 export --arm pad --out x.mcap                           -> give the recording
 export --arm pad --out x.txt                            -> .dbc
 """

@@ -152,7 +152,8 @@ def new(
         i, j = np.triu_indices(min(len(uv), MAX_TACTELS), 1)  # a board of more is refused below
         apart = np.hypot(*(uv[i] - uv[j]).T)
         if positions and (close := np.flatnonzero(apart < LEAST_M)).size:
-            raise ValueError(f"rows {1 + i[close[0]]} and {1 + j[close[0]]} are at one place")
+            k = close[0]
+            raise ValueError(f"rows {1 + i[k]} and {1 + j[k]} are {1e3 * apart[k]:.2g} mm apart")
         board = NewBoard(
             name=out.name,
             tactels_uv=uv,

@@ -50,8 +50,9 @@ def command(log: str | None, arm: str, out: Path, channels: tuple[str, ...], lev
     kind = out.suffix.lower()
     if kind not in KINDS:
         raise click.UsageError(f"{out}: a recording is written as .mcap or .parquet, the PDOs as .dbc")
-    if (log is None) != (kind == ".dbc"):
-        wanted = "a DBC is made of the arm alone" if log else "give the recording"
+    is_dbc = kind == ".dbc"
+    if (log or channels or zero) if is_dbc else not log:
+        wanted = "a DBC is made of the arm alone" if is_dbc else "give the recording"
         raise click.UsageError(f"{wanted}: LOG --arm ARM --out FILE, or --arm ARM --out FILE.dbc")
     loaded = load_arm(arm, check_load=False)
     with extra_wanted("export"):

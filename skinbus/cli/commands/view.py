@@ -94,6 +94,8 @@ def command(
             )
             shown = Follower(played, gone="no cycles: the machine is too slow", has_zeros=False)
         else:
+            if zero:
+                raise click.UsageError("--zero is for a recording, with --arm")
             title, arm, opening, again_s = source_of(source, where, shared, level)
             shown = Follower(opening, again_s=again_s)
         stack.callback(shown.close)
