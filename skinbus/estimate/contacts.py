@@ -63,7 +63,7 @@ class Contacts:
     link        index of the link
     s, a        place on the chart of the link, m
     force       N
-    patch       index of the patch that feels it most
+    patch       index of the patch of the nearest tactel; at level kmeans of the one that reads most
     level       "kmeans", "fit" or "full": what the place and force come from
     n_tactels   tactels that took part
     quality     :class:`Quality` flags

@@ -125,7 +125,7 @@ class Tracks:
     slot        0..n_slots-1, the same for life; -1 as long as none is free
     state       :class:`TrackState`
     row         row of the contact of this cycle, -1 if it is not seen
-    link, patch index of the link, and of the patch that felt it most when last seen
+    link, patch index of the link, and of the patch it was on when last seen
     s, a, force the raw estimate, when last seen; m, m, N
     mean        (n, 5) filtered s, a (m), ds/dt, da/dt (m/s), force (N) at t_ns
     covariance  (n, 3, 3) of s, a and force, which are independent: variance, covariance with the speed,

@@ -119,6 +119,7 @@ def test_two_fingers_across_a_seam_are_not_one_of_the_force_of_one_without_a_fla
     assert len(one) == 2 or one.quality[0] & Quality.MISFIT
     two = Estimator(skin.arm, "full").update(p, 0)
     assert not (two.quality & Quality.MISFIT).any()
+    assert two.patch[0] != two.patch[1]
     sd = np.sqrt(two.covariance[:, 2, 2])
     assert (np.abs(two.force - 8.0) < np.maximum(3.0 * sd, 1.0)).all()
 

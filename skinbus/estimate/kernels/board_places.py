@@ -14,8 +14,8 @@ INSIDE = 1.0 - 1e-9
 
 
 @inner_kernel
-def keep_on_board(lay: Layout, link: int, tactels: Ints, n: int, place: Floats) -> None:
-    """Bring a place (s, a) to the board of the nearest of n tactels, the seam around it included."""
+def keep_on_board(lay: Layout, link: int, tactels: Ints, n: int, place: Floats) -> int:
+    """Bring a place (s, a) to the board of the nearest of n tactels, or its seam; return the board."""
     surface, nearest, patch = surface_of(lay.link, link), math.inf, -1
     for t in range(n):
         i = tactels[t]
@@ -23,7 +23,7 @@ def keep_on_board(lay: Layout, link: int, tactels: Ints, n: int, place: Floats) 
         if d2 < nearest:
             nearest, patch = d2, lay.patch[i]
     if patch < 0:
-        return
+        return patch
     cos, sin, half_u, half_v = (
         lay.board[patch, 0],
         lay.board[patch, 1],
@@ -37,3 +37,4 @@ def keep_on_board(lay: Layout, link: int, tactels: Ints, n: int, place: Floats) 
         u, v = min(max(u, -INSIDE * half_u), INSIDE * half_u), min(max(v, -INSIDE * half_v), INSIDE * half_v)
         x, y = lay.patch_s[patch] + cos * u - sin * v, sin * u + cos * v
         place[0], place[1] = undevelop(surface, x, y, lay.patch_a[patch])
+    return patch

@@ -56,8 +56,8 @@ def share_of(q: Search, h: int, best: int) -> float:
 
 
 @inner_kernel
-def write_mean(lay: Layout, q: Search, link: int, best: int, c: int, place: Floats) -> None:
-    """Write the mean place, log force and size of contact c of the best hypothesis.
+def write_mean(lay: Layout, q: Search, link: int, best: int, c: int, place: Floats) -> int:
+    """Write the mean place, log force and size of contact c of the best hypothesis; return its patch.
 
     It is over the hypotheses in which the contact has the first kind of size that is not refuted, ``wanted``.
     """
@@ -80,7 +80,7 @@ def write_mean(lay: Layout, q: Search, link: int, best: int, c: int, place: Floa
     for x in range(4):
         place[x] = theta[best, c, x] + place[x] / shares[wanted]
     place[1] = wrap(place[1], period)
-    keep_on_board(lay, link, q.listed, q.n_listed[0], place)
+    return keep_on_board(lay, link, q.listed, q.n_listed[0], place)
 
 
 @inner_kernel
@@ -116,14 +116,11 @@ def flag_contact(
     lay: Layout, w: Work, q: Search, link: int, best: int, c: int, to: int, is_cut: bool
 ) -> None:
     """Write quality, status and tactels of contact c of the best hypothesis, as fitted last."""
-    flags, n_felt, is_full, strongest, home = 0, 0, False, -1.0, q.listed[0]
+    flags, n_felt, is_full = 0, 0, False
     for t in range(q.n_listed[0]):
-        i = q.listed[t]
         if feels(q, t, c):
             n_felt += 1
-            is_full |= w.state[i] == SATURATED
-            if w.p[i] > strongest:
-                home, strongest = i, w.p[i]
+            is_full |= w.state[q.listed[t]] == SATURATED
     moment, few, law = w.covariance[to], UNSURE * q.pitch[0], lay.law[q.listed[0]]
     half, diff = 0.5 * (moment[0, 0] + moment[1, 1]), 0.5 * (moment[0, 0] - moment[1, 1])
     if n_felt < LEAST_TACTELS or half + math.sqrt(diff * diff + moment[1, 0] * moment[1, 0]) > few * few:
@@ -142,7 +139,7 @@ def flag_contact(
     if is_cut:
         flags |= Quality.OVER_BUDGET.value
     w.quality[to], w.status[to], w.n_tactels[to] = flags, q.h_status[best], n_felt
-    w.patch[to], w.link[to] = lay.patch[home], link
+    w.link[to] = link
     w.residual[to] = math.sqrt(q.h_chi2[best, 0] / max(q.h_chi2[best, 1], 1.0))
 
 
@@ -159,7 +156,7 @@ def write_answer(lay: Layout, w: Work, q: Search, link: int, first: int, full: b
             break
         w.n_contacts[0] = max(w.n_contacts[0], row + 1)
         w.alive[row], w.again[row], w.level[row], w.group[row] = True, False, 2 if full else 1, first
-        write_mean(lay, q, link, best, c, w.place[row])
+        w.patch[row] = write_mean(lay, q, link, best, c, w.place[row])
         write_moments(lay, q, link, best, c, w.place[row], w.covariance[row])
         q.rows[c] = row
         row, k = row + 1, k + 1
