@@ -12,7 +12,7 @@ from skinbus.model import Cone
 from tests.bench.estimator import measure
 from tests.hard.test_extremes import random_readings
 from tests.marks import fits, levels
-from tests.skins import cone_forearm
+from tests.skins import SKINS, cone_forearm
 
 TOUCHES = [(0.025, 0.0), (0.0255, 0.1275), (0.051, -0.1), (0.077, 0.0765), (0.128, -0.05), (0.04, 0.012)]
 """(s, a) in m: on seams, inside patches, and two close together."""
@@ -182,6 +182,14 @@ def test_wrong_budgets_and_levels_are_refused(arm, pressures):
     for level in ("full", "best"):
         with pytest.raises(ValueError, match="kmeans, fit; got"):
             estimator.update(pressures, 0, level=level)
+
+
+def test_contacts_that_have_come_together_are_over_budget_until_they_are_searched_together():
+    rng = np.random.default_rng(31)
+    touches = rng.uniform((-0.02, -0.02, 2.0), (0.02, 0.02, 20.0), (4, 3))
+    skin = SKINS["box"](rng)
+    contacts = Estimator(skin.arm, budget_work=2000).update(skin.feel(touches), 0)
+    assert (contacts.quality & Quality.OVER_BUDGET).all()
 
 
 @fits

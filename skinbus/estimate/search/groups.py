@@ -53,6 +53,8 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
         join_groups(lay, w)
         for c in range(w.n_contacts[0]):
             w.again[c] = w.again[c] or turn == 1
+            if w.again[w.group[c]]:
+                w.quality[c] |= Quality.OVER_BUDGET.value  # until it is searched
         while not is_over(w):
             first, strongest, waiting = -1, -math.inf, 0
             for c in range(w.n_contacts[0]):
@@ -72,7 +74,6 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
                 w.work[MOST] = most
     for c in range(w.n_contacts[0]):
         if w.alive[c] and w.level[c] == 0:  # no time was left for its group
-            w.quality[c] |= Quality.OVER_BUDGET.value
             # uncertain by a pitch and all of its force
             w.covariance[c] = 0.0
             w.covariance[c, 0, 0] = w.covariance[c, 1, 1] = q.pitch[0] ** 2
