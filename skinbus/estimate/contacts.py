@@ -34,7 +34,7 @@ class Quality(enum.IntFlag):
     OVER_BUDGET = 16
     """Time ran out: this is the answer of a cheaper level, or one that was not finished."""
     IMPAIRED = 32
-    """A tactel that might feel it is not plausible, and counts as missing."""
+    """A tactel that might feel it is not plausible, or not healthy, and counts as missing."""
     EXTENDED = 64
     """The contacts here do not add up to the load: what presses is wider than points, see ``Loads``."""
     RECOVERING = 128

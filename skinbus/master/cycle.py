@@ -157,7 +157,7 @@ class Cycle:
         if self._wants_zero.any():
             self._zero(fresh & self._wants_zero)
         self.pressures[self.plausibility.faults != 0] = np.nan
-        (missing,) = np.nonzero(np.isnan(self.pressures))
+        (missing,) = np.nonzero(np.isnan(self.pressures) | ~self.arm.tactel_healthy)
         contacts = self.estimator.update(
             self.pressures, t_ns, valid=fresh, baseline=self.baseline, level=level, budget_us=budget_us
         )
@@ -202,7 +202,7 @@ class Cycle:
                 contacts.quality[c] |= Quality.RECOVERING
 
     def _flag(self, contacts: Contacts, faulty: npt.NDArray[np.intp]) -> None:
-        """Flag the contacts that a tactel that is not plausible might have felt.
+        """Flag the contacts that a tactel that is not plausible, or not healthy, might have felt.
 
         It is near the contact, or near one that feels it: without its peak a contact is found beside it.
         """

@@ -52,6 +52,7 @@ def test_what_a_cover_still_shows_of_a_press_that_has_gone_is_recovering_and_no_
             is_recovering = bool(contacts.quality[c] & Quality.RECOVERING)
             assert is_recovering == (pressed == 0.0), t_s
             after += is_recovering
+            assert contacts.quality[c] & Quality.IMPAIRED, "a tactel beside it is not healthy"
             sd = np.sqrt(contacts.covariance[c, 2, 2])
             assert sd == 0.0 or pressed or contacts.force[c] < 3.0 * sd, t_s
     assert after > 10
@@ -60,6 +61,7 @@ def test_what_a_cover_still_shows_of_a_press_that_has_gone_is_recovering_and_no_
 def _creeping(level, relaxation, tau_s, course):
     """Yield time, force and contacts of a pad with a cover that creeps, pressed as (seconds, N) say."""
     rng, arm = np.random.default_rng(SEED), load_arm("pad")
+    arm.tactel_healthy = np.arange(arm.n_tactels) != 3
     cycle = Cycle(arm, ReadingsPlan(arm, ods_of(arm)), Estimator(arm, level))
     middle, fresh = arm.patches[0], np.ones(1, np.bool_)
     felt = feel_of(arm, Elastic(), 6e-3)(np.array([[middle.s + 4e-3, middle.a - 3e-3, 1.0]]))
