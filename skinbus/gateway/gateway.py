@@ -35,8 +35,8 @@ class Gateway(Core):
 
     Raises:
         ArgumentError: no patch has an address, one has an address that the format has not, two have the same,
-            a board has another number of tactels than the format, or a guarded one another period. All faults
-            are listed.
+            a board has another number of tactels than the format, readings that are not of 16 bits, or a
+            guarded one another period. All faults are listed.
     """
 
     n_buses = 2
@@ -119,8 +119,12 @@ class Gateway(Core):
                 self._format.numbers(address)
             except ArgumentError as error:
                 faults.append(f"node {placed.node_id}: {error}")
-            if (n := placed.patch.n_tactels) != self._format.n_tactels:
-                faults.append(f"node {placed.node_id}: {n} tactels; wanted {self._format.n_tactels}")
+            for unit, is_so, wanted in (
+                ("tactels", placed.patch.n_tactels, self._format.n_tactels),
+                ("bits", placed.patch.transducer.bits, 16),  # of counts: in fewer they would wrap
+            ):
+                if is_so != wanted:
+                    faults.append(f"node {placed.node_id}: {is_so} {unit}; wanted {wanted}")
             period_us = round(1000 * self._format.period_ms)
             if (
                 arm.guarded[k]

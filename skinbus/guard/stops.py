@@ -83,7 +83,8 @@ class NodeWrite:
 
         for can_id, data, _, flags, bus in frames:
             is_answer = (bus, can_id, flags, len(data)) == (self.bus, self.answer_id, 0, FRAME_LENGTH)
-            if is_answer and data[1:4] == self.request[1:4]:
+            # before it has asked, somebody else has: the same node answers the same to all
+            if is_answer and self.n_unanswered and data[1:4] == self.request[1:4]:
                 self.n_unanswered = 0
                 if data[0] == ABORT:
                     why = describe_abort(int.from_bytes(data[4:], "little"))

@@ -170,8 +170,7 @@ class ReadingsPlan:
     ) -> Unpacked:
         """Write the readings of a ``FrameBatch`` into counts and mark their TPDOs in ``seen``.
 
-        With ``answers`` only frames that answer the newest SYNC are marked, and frames that answer none are
-        not written; see ``Answers``.
+        With ``answers`` only frames that answer the newest SYNC are written and marked; see ``Answers``.
 
         Args:
             counts: (n_tactels,) int32; only tactels whose frame came are written.
@@ -191,10 +190,9 @@ class ReadingsPlan:
             counts[tactels] = values
         else:
             answer, excess = self._account(pdo, data, batch.t_ns[rows], answers)
-            is_known = np.isin(np.arange(len(pdo)), excess, invert=True)
-            counts[tactels[is_known]] = values[is_known]
-            differs = (counts[tactels] != values).any(axis=1) & ~is_known
-            np.add.at(answers.n_excess, self.pdo_patch[pdo[differs]], 1)
+            counts[tactels[answer]] = values[answer]
+            differs = (counts[tactels[excess]] != values[excess]).any(axis=1)
+            np.add.at(answers.n_excess, self.pdo_patch[pdo[excess]], differs)
             pdo, data = pdo[answer], data[answer]
         self._mark(pdo, data, seen, stamps)
         return result

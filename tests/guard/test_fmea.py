@@ -181,6 +181,19 @@ def test_other_limits_of_a_patch_that_the_master_waits_to_boot_are_a_stop(whole)
     assert whole.guard.phase is Phase.STOPPED
 
 
+def test_other_limits_of_a_patch_that_is_booted_and_waits_for_another_are_taken_back(whole):
+    """What the master has read back is no longer what it holds when it starts."""
+    whole.say(Frame(0, b"\x81\x02"))
+    whole.run(3)
+    whole.boards[1].says = lambda frame: False
+    whole.say(Frame(0, b"\x81\x01"))
+    whole.run(20)
+    write_limits(whole)
+    whole.repair()
+    whole.until_guarding()
+    assert whole.device(0).get(0x2081) != OTHER
+
+
 @pytest.mark.parametrize("name", UNSEEN)
 def test_what_is_listed_as_not_seen_is_no_stop(whole, name):
     UNSEEN[name](whole)

@@ -20,9 +20,10 @@ TOLD = {
 @pytest.mark.parametrize("name", [*ARMS])
 def test_all_nodes_are_told_in_the_step_of_the_stop_by_expedited_downloads(name):
     rig = Rig(name, stops=TOLD)
-    assert rig.step(Frame(GFC)) == [(0x664, bytes.fromhex(data)) for data in TOLD.values()]
-    assert {frame.bus for frame in rig.sent} == {rig.last_bus}
     *others, last = [rig.answer(f"60{bytes.fromhex(data)[1:4].hex()}00000000") for data in TOLD.values()]
+    # answers to somebody else, who asked before, confirm nothing
+    assert rig.step(Frame(GFC), *others, last) == [(0x664, bytes.fromhex(data)) for data in TOLD.values()]
+    assert {frame.bus for frame in rig.sent} == {rig.last_bus}
     rig.step(*others)
     assert not rig.guard.is_settled
     rig.step(last)
@@ -84,7 +85,7 @@ def test_a_node_that_refuses_is_told_again_and_why_is_said(rig):
 def test_a_node_that_has_confirmed_is_told_again_for_ever(rig):
     for _ in range(20):
         rig.step(rig.answer())
-        assert rig.step(after=REPEAT_NS - 1) == []
+        assert rig.step(rig.answer(), after=REPEAT_NS - 1) == []  # that was to somebody else
         assert rig.step(after=1) == [QUICK_STOP]
     assert rig.count(EventKind.CONFIRMED) == 1
     rig.step(after=RESEND_NS)

@@ -117,9 +117,13 @@ def test_readings_of_can_fd_and_their_stamps_are_long_frames(eds, n, tpdos):
     assert plan.stamped.sum(axis=1).tolist() == [n_stamp for _, _, n_stamp, _ in tpdos] * 2
 
 
-def test_frames_that_do_not_come_leave_their_stamps():
+def test_frames_of_another_sync_change_nothing_and_those_that_do_not_come_leave_their_stamps():
     plan = expected_node("skin-patch-fd32", (1,), (8, 4))
     counts, seen, stamps = np.zeros(32, np.int32), np.zeros(1, np.int32), plan.new_stamps()
-    plan.unpack(batch_of(Frame(0x281, bytes([0, 0, 8, 2, 3, 4]))), counts, seen, stamps=stamps)
+    answers = plan.answers()
+    answers.due[:], answers.counter[:] = 1, 8
+    for data in ([1, 0, 8, 2, 3, 4], [9, 0, 7, 5, 5, 5]):
+        plan.unpack(batch_of(Frame(0x281, bytes(data))), counts, seen, stamps, answers)
+    assert counts[31] == 1
     assert stamps.tolist() == [[0, 0, 0, 0], [8, 2, 3, 4]]
     assert seen.tolist() == [2]

@@ -263,9 +263,13 @@ class Supervisor(PatchMonitor):
                 code = code if code >= FIRST_ERROR else EmcyCode.GENERIC * (frame.data[2] > 0)
                 self._error(now_ns, p, code, frame.data[3:])
             elif base == cia.SDO_CLIENT_BASE and (what := foreign_write(frame.data, self._others)):
-                if not self.table.is_running[p]:  # it may, even so, and guard by limits that nobody knows
-                    self._command(p, NmtCommand.PRE_OPERATIONAL)
-                self._fall(now_ns, p, f"another client writes {what}", RETRY_NS)  # its requests might collide
+                # one that is not started may run even so, and guard by limits that nobody knows
+                self._command(p, NmtCommand.PRE_OPERATIONAL)
+                if self._try_at[p] == NEVER:  # it runs, or its boot has read what is no longer so
+                    # not at once: the requests of the other client might collide
+                    self._fell(
+                        now_ns, p, EventKind.PATCH_FELL_BACK, f"another client writes {what}", RETRY_NS
+                    )
         self._serve(now_ns)
         if now_ns >= self._due.min():
             for p in np.flatnonzero(self._try_at <= now_ns).tolist():
