@@ -104,6 +104,8 @@ class Felt(NamedTuple):
     """(n_tactels,) out of the zero band: what is read there is no pressure."""
     creep: Floats
     """(n_tactels,) Pa, standard deviation of what the cover may still show of what has pressed it."""
+    known: Bools
+    """(n_tactels,) has had a zero from readings since its board came."""
 
 
 class KeptZeros(NamedTuple):
@@ -153,6 +155,7 @@ class Baseline:
             doubt=self._no_zero.copy(),
             out=np.zeros(n, np.bool_),
             creep=np.zeros(n),
+            known=np.zeros(n, np.bool_),
         )
         """Its state, without copies: for what runs in the cycle."""
 
@@ -190,6 +193,7 @@ class Baseline:
             self._learn(at, dt)
         self._measure_noise(free, second, dt)
         w.doubt[:] += self._drift * dt * ~(at | waits[self._patch])
+        w.known[:] |= self._zeroed
         pressures -= w.zero
 
     def _begin(self, new: Bools) -> None:
@@ -306,6 +310,13 @@ class Baseline:
         for column in (self._zeroed, w.out, self._pressed, w.creep, self._low_n, self._run, w.touched):
             column[i] = 0
         self._quiet_s[p], self._learned_n[p] = np.inf, 0
+
+    def begin(self, patch: int) -> None:
+        """Begin a patch as at power-on: another board is in its place."""
+        w, i = self.felt, self.arm.tactels_of(patch)
+        self._last[i], self._centre[i], w.known[i] = np.nan, 0.0, False
+        w.variance[i], w.doubt[i] = self._declared2[i], self._no_zero[i]
+        self.zero(patch)
 
     def kept(self) -> KeptZeros:
         """Return what a restart must not lose."""

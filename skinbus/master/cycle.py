@@ -114,7 +114,7 @@ class Cycle:
         self.arm = arm
         self.estimator = estimator
         longest_s = max(BLIND_S, BLIND_CYCLES / arm.bus.rate_hz)
-        self.serials = np.zeros(arm.n_patches, np.int64)
+        self.serials = self._serials = np.zeros(arm.n_patches, np.int64)
         """(n_patches,) serial numbers of the boards, 0 for not known."""
         self.tracker = Tracker(arm, n_slots=MAX_CONTACTS, blind_s=longest_s)
         self.baseline = Baseline(arm)
@@ -151,6 +151,10 @@ class Cycle:
         """
         np.subtract(counts, self._offset, out=self.pressures)
         self.pressures *= self.scale
+        if (changed := self.serials != self._serials).any():
+            for p in np.flatnonzero(changed & (self._serials != 0)).tolist():
+                self.baseline.begin(p)
+            self._serials = self.serials.copy()
         self.plausibility.judge(self.pressures, t_ns, fresh, self.baseline)
         fresh = fresh & ~self.plausibility.is_withheld
         self.baseline.apply(self.pressures, t_ns, fresh)

@@ -56,7 +56,7 @@ class Guarding:
         assert arm.guard
         self._arm, self._guard, self._own, self._table = arm, arm.guard, own, table
         self._zero, self._touched, self._faults = felt.zero, felt.touched, cycle.plausibility.faults
-        self._baseline, self._has_zero = cycle.baseline, np.zeros(arm.n_tactels, np.bool_)
+        self._has_zero = felt.known
         self._scale, self._full = cycle.scale, limit_of(arm)
         # Pa that each tactel may read, and what a pascal on it is of the force that may be
         self._most, self._share = np.full(arm.n_tactels, np.inf), np.zeros(arm.n_tactels)
@@ -124,7 +124,6 @@ class Guarding:
         total = np.add.reduceat(self._share * np.abs(moved), first)
         off = np.maximum(total, np.maximum.reduceat(np.where(self._limited, share, 0.0), first))
         is_touched = np.logical_or.reduceat(self._touched != 0, first)
-        self._has_zero |= self._baseline.kept().zeroed
         is_blind = np.logical_or.reduceat(self._limited & ((self._faults != 0) | ~self._has_zero), first)
         self._may_guard[:] = may = ~is_blind & ~(is_touched & (off > DIFFERENT))
         is_due = (self._holds != may) | (may & (off > FOLLOWED) & ~is_touched)

@@ -10,16 +10,19 @@ from tests.master.misbehaving import Late
 pytestmark = pytest.mark.slow
 
 
-def test_a_board_that_was_replaced_is_named_in_event_and_health():
+def test_a_board_that_was_replaced_is_named_in_event_and_health_and_has_a_zero_of_its_own():
     bench = Bench(patch(1, serial=11))
-    health = None
     master = bench.start(level="kmeans", on_cycle=lambda report: health.observe(report))
     health = Health(master.cycle)
     bench.pass_ms(3000)
     health.records["samples"] = 7
     bench.wire.detach(bench.ports[0])
-    bench.wire.attach(patch(1, serial=12))
+    board = patch(1, serial=12)
+    for tactel in range(1, 17):
+        board.set(0x6401, tactel, 110)  # its zero is 0.8 kPa
+    bench.wire.attach(board)
     bench.pass_ms(3000)
+    assert max(master.cycle.pressures) < 200.0
     (event,) = [event for event in bench.events if event.kind == EventKind.PATCH_REPLACED]
     assert event.detail == "serial number 12 in place of 11"
     (own,) = health.as_tables(health.snapshot())["health"].values()
