@@ -160,9 +160,10 @@ class LoadMeter:
             variance = np.maximum(variance, felt.variance + felt.doubt)
             limit, common, creep = limit - felt.zero, baseline.common, felt.creep
         full = read & counts & (value >= limit) & (limit > 0.0)
-        beside, n_beside = (self._next @ np.stack([value, read], -1)).T
-        value = np.where(read, value, beside / np.maximum(n_beside, 1.0))
-        variance = np.where(read, variance, value**2)
+        if (counts & ~read).any():
+            beside, n_beside = (self._next @ np.stack([value, read], -1)).T
+            value = np.where(read, value, beside / np.maximum(n_beside, 1.0))
+            variance = np.where(read, variance, value**2)
 
         area, pressed = np.where(counts, self.areas, 0.0), self._cell * touched
         force, noise = area * value, area * area * variance
