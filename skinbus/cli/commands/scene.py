@@ -50,8 +50,8 @@ def list_(names: tuple[str, ...]) -> None:
     items: list[tuple[str, str, Any]] = [(name, "law", cls) for name, cls in sorted(LAWS.items())]
     items += [(cls.name, cls.stage.name.lower(), cls) for cls in effects]
     known = [name for name, _, _ in items]
-    for name in set(names).difference(known):
-        raise click.BadParameter(f"no effect or layer: {name}{nearest(name, known)}", param_hint="NAMES")
+    if unknown := [f"{name}{nearest(name, known)}" for name in names if name not in known]:
+        raise click.BadParameter(f"no effect or layer: {', '.join(unknown)}", param_hint="NAMES")
     for name, stage, cls in items:
         if name in names:
             rows = [(one.name, _shown(one), one.metadata["description"]) for one in fields(cls)]
