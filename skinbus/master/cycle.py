@@ -151,10 +151,9 @@ class Cycle:
         """
         np.subtract(counts, self._offset, out=self.pressures)
         self.pressures *= self.scale
-        if (changed := self.serials != self._serials).any():
-            for p in np.flatnonzero(changed & (self._serials != 0)).tolist():
-                self.baseline.begin(p)
-            self._serials = self.serials.copy()
+        for p in np.flatnonzero((self._serials != 0) & (self.serials != self._serials)).tolist():
+            self.baseline.begin(p)
+        self._serials = self.serials.copy()
         self.plausibility.judge(self.pressures, t_ns, fresh, self.baseline)
         fresh = fresh & ~self.plausibility.is_withheld
         self.baseline.apply(self.pressures, t_ns, fresh)
