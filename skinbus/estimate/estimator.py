@@ -83,6 +83,8 @@ class Estimator:
         self._budget_work = budget_work
         self._clock = clock
         layout = compile_layout(arm)
+        self.neighbours = np.split(layout.edge_to, layout.edge_start[1:-1])
+        """For each tactel those beside it, also across a seam: (n,) int each."""
         self._unit = length_unit(arm)
         # What a baseline changes from cycle to cycle: kernels see it through views they cannot write.
         self._sigma, self._limit = layout.sigma.copy(), layout.limit.copy()

@@ -29,9 +29,6 @@ from skinbus.objects.readings import ReadingsPlan
 if TYPE_CHECKING:
     from skinbus.robot import RobotContacts
 
-NEAR_M = 15e-3
-"""A contact within this distance of a tactel that is not plausible, or felt so near to one,
-is IMPAIRED, m: a pitch and a half of the usual board, as far as a light contact is felt."""
 BLIND_S = 1.0
 """Longest time that a contact may be without readings of its patch and come back as the same, s; ..."""
 BLIND_CYCLES = 3
@@ -160,15 +157,16 @@ class Cycle:
         if self._wants_zero.any():
             self._zero(fresh & self._wants_zero)
         self.pressures[self.plausibility.faults != 0] = np.nan
-        (missing,) = np.nonzero(np.isnan(self.pressures) | ~self.arm.tactel_healthy)
+        missing = np.isnan(self.pressures) | ~self.arm.tactel_healthy
         contacts = self.estimator.update(
             self.pressures, t_ns, valid=fresh, baseline=self.baseline, level=level, budget_us=budget_us
         )
         meter, felt = self._load_meter, self.baseline.felt
         self.loads = meter.measure(self.pressures, felt.touched, fresh, baseline=self.baseline)
         meter.flag_extended(contacts, self.loads)
-        if len(missing):
-            self.pressures[missing] = 0.0  # what is shown is finite
+        self.pressures[missing] = 0.0  # what is shown is finite
+        missing |= ~fresh[self.arm.tactel_patch]
+        if missing.any():
             self._flag(contacts, missing)
         tracks = self.tracker.update(contacts, t_ns, fresh, age_ns)
         self._widen(contacts)
@@ -196,7 +194,7 @@ class Cycle:
         felt = self.baseline.felt
         if not ((felt.touched != 0) & (felt.creep > LEAST_LEFT * self.pressures)).any():
             return
-        for c, here in enumerate(self._felt_near(contacts)):
+        for c, here in enumerate(self._around(contacts)):
             read = float(self.pressures[here].sum())
             share = min(float(felt.creep[here].sum()) / read, 1.0) if read > 0.0 else 0.0
             if contacts.covariance[c, 2, 2] > 0.0:
@@ -204,32 +202,25 @@ class Cycle:
             if RECOVERING_SD * share >= 1.0:
                 contacts.quality[c] |= Quality.RECOVERING
 
-    def _flag(self, contacts: Contacts, faulty: npt.NDArray[np.intp]) -> None:
-        """Flag the contacts that a tactel that is not plausible, or not healthy, might have felt.
+    def _flag(self, contacts: Contacts, missing: Mask) -> None:
+        """Flag the contacts that a tactel of ``missing`` (n_tactels,) might have felt.
 
-        It is near the contact, or near one that feels it: without its peak a contact is found beside it.
+        It is near the contact, or beside one that feels it: without its peak a contact is found beside it.
         """
-        arm = self.arm
-        s, a = arm.tactel_s, arm.tactel_a
-        for c, touched in enumerate(self._felt_near(contacts)):
-            link = int(contacts.link[c])
-            here = faulty[arm.tactel_link[faulty] == link]
-            distance = arm.links[link].surface.distance
-            near = distance(s[here], a[here], contacts.s[c], contacts.a[c]) < NEAR_M
-            beside = distance(s[here][:, None], a[here][:, None], s[touched], a[touched]) < NEAR_M
-            if near.any() or beside.any():
+        beside = self.estimator.neighbours
+        for c, around in enumerate(self._around(contacts)):
+            if missing[np.concatenate([around, *(beside[i] for i in around)])].any():
                 contacts.quality[c] |= Quality.IMPAIRED
 
-    def _felt_near(self, contacts: Contacts) -> Iterator[npt.NDArray[np.intp]]:
-        """Yield for each contact the touched tactels of its link that are near it."""
-        arm = self.arm
-        felt = np.flatnonzero(self.baseline.felt.touched)
-        for c, link in enumerate(contacts.link.tolist()):
-            here = felt[arm.tactel_link[felt] == link]
-            away = arm.links[link].surface.distance(
-                arm.tactel_s[here], arm.tactel_a[here], contacts.s[c], contacts.a[c]
-            )
-            yield here[away < NEAR_M]
+    def _around(self, contacts: Contacts) -> Iterator[npt.NDArray[np.intp]]:
+        """Yield for each contact its nearest tactel, and those of its neighbours that are touched."""
+        arm, touched = self.arm, self.baseline.felt.touched
+        for link, s, a in zip(contacts.link.tolist(), contacts.s, contacts.a, strict=True):
+            (here,) = np.nonzero(arm.tactel_link == link)
+            away = arm.links[link].surface.distance(arm.tactel_s[here], arm.tactel_a[here], s, a)
+            nearest = here[np.argmin(away)]
+            beside = self.estimator.neighbours[nearest]
+            yield np.append(beside[touched[beside] != 0], nearest)
 
     def keep_zero(self, patch: int) -> None:
         """Do not make the first readings of a patch its zero: it has one."""

@@ -58,6 +58,19 @@ def test_what_a_cover_still_shows_of_a_press_that_has_gone_is_recovering_and_no_
     assert after > 10
 
 
+def test_contacts_that_a_missing_board_might_have_felt_are_impaired_and_others_are_not():
+    arm, missing = load_arm("forearm"), 4
+    cycle = Cycle(arm, ReadingsPlan(arm, ods_of(arm)), Estimator(arm, "fit"))
+    beside = arm.patch_a[missing] - 27e-3
+    felt = feel_of(arm, Elastic(), 6e-3)(np.array([[arm.patch_s[missing], beside, 8.0], [0.076, 0.0, 8.0]]))
+    fresh = np.arange(arm.n_patches) != missing
+    contacts, _ = cycle.run(0, arm.patches[0].patch.transducer.counts(felt), fresh)
+    assert {c: bool(q & Quality.IMPAIRED) for c, q in zip(contacts.patch, contacts.quality, strict=True)} == {
+        missing - 1: True,
+        8: False,
+    }
+
+
 def _creeping(level, relaxation, tau_s, course):
     """Yield time, force and contacts of a pad with a cover that creeps, pressed as (seconds, N) say."""
     rng, arm = np.random.default_rng(SEED), load_arm("pad")
