@@ -169,11 +169,15 @@ PRESSES = [
 ]
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch, field):
-    """A folder with files of a user."""
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path, ["2.0"], 5, 2)
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, field):
+    """A folder with files of a user, and what they hold: one for all commands, since none changes a file."""
+    folder = tmp_path_factory.mktemp("files")
+    write_scene(folder, ["2.0"], 5, 2)
     pauses = [format_line(Frame(0x80, b"", k * 2311 % 7000 * 1000)) for k in range(1000)]
     files = {
         "board.dcf": find_eds("skin-patch").read_text(),
@@ -197,11 +201,11 @@ def here(tmp_path, monkeypatch, field):
         "field.log": field.read_text(),
     }
     for name, text in files.items():
-        put(tmp_path, name, text)
-    (tmp_path / "binary").write_bytes(bytes(range(256)) * 1000)
+        put(folder, name, text)
+    (folder / "binary").write_bytes(bytes(range(256)) * 1000)
     for name in ("link.csv", "link.mcap"):
-        (tmp_path / name).symlink_to("my.toml")
-    return tmp_path
+        (folder / name).symlink_to("my.toml")
+    return folder, contents(folder)
 
 
 @pytest.fixture
@@ -226,10 +230,11 @@ def refused(monkeypatch, capfd):
 @pytest.mark.parametrize(
     "row", [*filter(None, REFUSED.splitlines())], ids=lambda row: row.partition(" ->")[0].strip()
 )
-def test_wrong_words_are_refused_and_no_file_changes(here, refused, row):
+def test_wrong_words_are_refused_and_no_file_changes(files, refused, monkeypatch, row):
+    folder, before = files
+    monkeypatch.chdir(folder)
     words, _, parts = row.partition("->")
-    before = {path.name: path.read_bytes() for path in here.iterdir()}
     said = refused(*words.split())
     assert all(part.strip() in said for part in parts.split("|")), said
-    assert {path.name: path.read_bytes() for path in here.iterdir()} == before
+    assert contents(folder) == before
     assert os.readlink("link.csv") == "my.toml"

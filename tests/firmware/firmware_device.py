@@ -19,7 +19,7 @@ from skinbus.objects.guard import GFC_ID
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Werror")
 PAGE, SLOT = 8192, 65536 + 16
-FLAGS = (*WARNINGS, "-O1", "-DSB_PERIOD_US=0", f"-DSB_PROGRAM_BYTES={SLOT}")
+FLAGS = (*WARNINGS, "-DSB_PERIOD_US=0", f"-DSB_PROGRAM_BYTES={SLOT}")
 EMPTY = b"\xff" * 2 * (PAGE + SLOT)
 PORT = Path(__file__).parent / "library.c"
 ALWAYS = 2**32 - 1

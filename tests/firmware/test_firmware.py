@@ -22,6 +22,8 @@ from tests.firmware.traffic import Traffic
 from tests.marks import slow
 
 NODE = 5
+MAX_WAKES = 40
+"""After so many between two frames the second comes at once: some settings wake a board each millisecond."""
 BOARDS = [name for name in eds_names() if name.startswith("skin-patch")]
 READING = {name: 0x6400 if name.endswith(("8bit", "8x8")) else 0x6401 for name in BOARDS}
 
@@ -68,10 +70,12 @@ def run_both(eds, seed, n_steps):
     step([])
     for _, (us, frame) in zip(range(n_steps), traffic, strict=False):
         until_ns = now_ns + 1000 * us
-        while min(wakes) <= until_ns:
+        for _ in range(MAX_WAKES):
+            if min(wakes) > until_ns:
+                now_ns = until_ns
+                break
             now_ns = -(-min(wakes) // 1000) * 1000  # the firmware counts us
             step([])
-        now_ns = until_ns
         if frame.can_id == 0x80 and not frame.flags:
             for view in readings:
                 view[us % 16] = us % 127
@@ -97,15 +101,24 @@ def test_age_of_a_sample_is_sent_with_it():
     assert frame.data[32:36] == struct.pack("<BBH", 0, 0, 123)
 
 
-@pytest.mark.parametrize("n_frames", [1_000, *slow(1_000_000)])
-def test_random_frames_do_no_harm(tmp_path, n_frames):
+@pytest.mark.slow
+def test_random_frames_do_no_harm(tmp_path):
     write_project("skin-patch-fd32", tmp_path)
     sources = [*tmp_path.glob("core/*.c"), tmp_path / "board.c"]
     fuzz = Path(__file__).parent / "fuzz.c"
     sanitizers = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    command = ["cc", *FLAGS, *sanitizers, f"-I{tmp_path}", f"-I{tmp_path / 'core'}", "-o", tmp_path / "fuzz"]
+    command = [
+        "cc",
+        *FLAGS,
+        "-O1",
+        *sanitizers,
+        f"-I{tmp_path}",
+        f"-I{tmp_path / 'core'}",
+        "-o",
+        tmp_path / "fuzz",
+    ]
     subprocess.run([*command, *sources, fuzz], check=True)
-    done = subprocess.run([tmp_path / "fuzz", "7", str(n_frames)], capture_output=True, text=True)
+    done = subprocess.run([tmp_path / "fuzz", "7", "250000"], capture_output=True, text=True)
     assert not done.returncode, done.stderr
 
 
@@ -127,13 +140,13 @@ def booted(flash, **options):
     return device
 
 
-@pytest.mark.parametrize("n_losses", [100, *slow(1000)])
-def test_loss_of_power_while_storing_leaves_the_old_parameters_or_the_new(n_losses):
+@pytest.mark.slow
+def test_loss_of_power_while_storing_leaves_the_old_parameters_or_the_new():
     """Also within a word and within an erasing; and whatever was lost, the next store is whole."""
     rng = random.Random(3)
     flash = bytearray(EMPTY)
     n_old = n_new = 0
-    for _ in range(n_losses):
+    for _ in range(200):
         before = values_of(booted(flash))
         device = booted(flash, n_writes=rng.randrange(1, 60))
         for index, sub in PARAMETERS:
@@ -144,7 +157,7 @@ def test_loss_of_power_while_storing_leaves_the_old_parameters_or_the_new(n_loss
         assert after in (before, wanted)
         assert after == wanted or stored[0] == 0x80
         n_old, n_new = n_old + (after == before), n_new + (after == wanted)
-    assert min(n_old, n_new) > n_losses // 10
+    assert min(n_old, n_new) > 20
 
 
 def test_parameters_of_another_program_are_not_taken_but_its_node_id_is():

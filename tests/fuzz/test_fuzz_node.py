@@ -11,8 +11,7 @@ from skinbus.node.nmt import TRANSITIONS
 from skinbus.objects.cia import NmtCommand, NmtState
 from skinbus.objects.eds import load_eds
 from tests.firmware.traffic import Traffic
-from tests.fuzz.feeding import feed
-from tests.marks import slow
+from tests.fuzz.feeding import N_FRAMES, feed
 from tests.run_in_process import run_in_process
 
 SEED = 20260101
@@ -65,10 +64,14 @@ def fuzz(which, n_frames):
     return sent, device.dropped, n_resets
 
 
-@pytest.mark.parametrize("n_frames", [5_000, *slow(20_000)])
-@pytest.mark.parametrize("which", DEVICES)
-def test_random_frames_break_nothing(which, n_frames):
-    n_sent, n_dropped, n_resets = run_in_process(fuzz, which, n_frames)
-    assert n_sent > n_frames // 50
-    assert n_dropped > n_frames // 500
-    assert n_resets > n_frames // 5000
+def fuzz_all(n_frames):
+    return [fuzz(which, n_frames) for which in DEVICES]
+
+
+@pytest.mark.slow
+def test_random_frames_break_nothing(monkeypatch):
+    monkeypatch.setenv("PYTHONMALLOC", "malloc")
+    for n_sent, n_dropped, n_resets in run_in_process(fuzz_all, N_FRAMES):
+        assert n_sent > N_FRAMES // 50
+        assert n_dropped > N_FRAMES // 500
+        assert n_resets > N_FRAMES // 5000

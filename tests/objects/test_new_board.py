@@ -52,8 +52,9 @@ def test_it_has_no_fault_and_describes_the_grid(made):
 
 def test_two_boards_never_share_an_identifier(made):
     _, path = made
-    ids = [pdo.cob_id for node_id in range(1, 128) for pdo in tpdos(load_eds(path, node_id)) if pdo.valid]
-    assert len(set(ids)) == len(ids)
+    first, last = ([pdo.cob_id for pdo in tpdos(load_eds(path, n)) if pdo.valid] for n in (1, 127))
+    assert last == [cob_id + 126 for cob_id in first]
+    assert (np.diff(sorted(first)) > 126).all()
 
 
 def test_its_guard_has_an_identifier_of_its_own_and_is_off(made):

@@ -88,33 +88,21 @@ def test_a_writer_that_ended_is_seen_at_once_and_by_age(writer):
         assert [c.number for c in skin] == [1]
 
 
-@pytest.fixture
-def dead():
-    """The memory that a writer has left which died in a child process, without closing it."""
+@pytest.mark.slow
+def test_of_a_writer_that_has_died_the_newest_cycle_stays_and_one_that_runs_is_waited_for():
     name = f"dead-{os.getpid()}"
     script = "import os, sys; from tests.skin.shared_processes import *; "
-    script += "SharedWriter(sys.argv[1], LAYOUT).write(uniform(1)); os._exit(0)"
+    script += "SharedWriter(sys.argv[1], LAYOUT).write(uniform(1)); os._exit(0)"  # without closing it
     subprocess.run([sys.executable, "-c", script, name], check=True, timeout=PATIENCE_S)
-    yield name
-    path_of(name).unlink(missing_ok=True)
-
-
-@pytest.mark.slow
-def test_attaching_waits_for_a_writer_that_runs_where_one_has_died(dead):
-    with skinbus.attach(dead, timeout_s=0.05) as skin:
-        assert not skin.is_running
-    with ThreadPoolExecutor(1) as pool:
-        attached = pool.submit(skinbus.attach, dead, timeout_s=PATIENCE_S)
-        writer = SharedWriter(dead, LAYOUT)
-        with attached.result() as skin:
-            assert skin.is_running
-        writer.close()
-
-
-@pytest.mark.slow
-def test_the_newest_cycle_stays_when_the_writer_has_died(dead):
-    with skinbus.attach(dead) as skin:
+    with skinbus.attach(name, timeout_s=0.05) as skin:
         assert skin.latest().number == 1
         assert not skin.is_running
         with pytest.raises(ShareError, match="has died"):
             list(skin)
+    with ThreadPoolExecutor(1) as pool:
+        attached = pool.submit(skinbus.attach, name, timeout_s=PATIENCE_S)
+        writer = SharedWriter(name, LAYOUT)
+        with attached.result() as skin:
+            assert skin.is_running
+        writer.close()
+    path_of(name).unlink(missing_ok=True)

@@ -12,37 +12,22 @@ from tests.cli.commands.on_bus import OwnBus
 from tests.cli.patience import PATIENCE_S
 from tests.skin.scenes import write
 
-pytestmark = pytest.mark.slow
 
-
-@pytest.fixture
-def own_bus():
-    return OwnBus()
-
-
-@pytest.fixture
-def world(tmp_path):
-    return World(load_scene(write(tmp_path)), repeat=True)
-
-
-def test_contacts_come_and_leaving_stops_the_patches(own_bus, world):
+@pytest.mark.slow
+def test_contacts_come_another_master_is_refused_and_leaving_stops_the_patches(tmp_path):
+    own_bus, world = OwnBus(), World(load_scene(write(tmp_path)), repeat=True)
+    place = {"interface": "virtual", "channel": own_bus.channel}
     with own_bus.with_cores(world):
-        with skinbus.open("pad", interface="virtual", channel=own_bus.channel) as skin:
+        with skinbus.open("pad", **place) as skin:
             # of a lower level where a busy machine leaves no time for it
             cycle = next(cycle for cycle in skin if cycle.contacts and cycle.level == DEFAULT_LEVEL)
             assert cycle.contacts[0].link == "plate"
             assert 0.0 <= cycle.contacts[0].age_s < PATIENCE_S
             assert world.devices[0].nmt_state is NmtState.OPERATIONAL
             skin.zero()
+            with pytest.raises(BusError, match="master"):
+                skinbus.open("pad", **place)
         heard = PythonCanBus("virtual", own_bus.channel)
         while world.devices[0].nmt_state is not NmtState.PRE_OPERATIONAL:
             heard.receive(0.01)
         heard.close()
-
-
-def test_two_masters_are_refused(own_bus, world):
-    place = {"interface": "virtual", "channel": own_bus.channel}
-    with own_bus.with_cores(world), skinbus.open("pad", **place) as skin:
-        next(skin)
-        with pytest.raises(BusError, match="master"):
-            skinbus.open("pad", **place)

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from contextlib import closing
 from pathlib import Path
 
@@ -39,6 +40,15 @@ def here(monkeypatch, tmp_path):
 
 def exported(*args, **settings):
     return run("export", *args, **settings)
+
+
+@pytest.fixture(scope="module")
+def files(field, tmp_path_factory):
+    """A folder with what is exported of the recording of the pad."""
+    folder = tmp_path_factory.mktemp("files")
+    for name in ("x.mcap", "x.parquet"):
+        exported(field, "--arm", "pad", "--out", folder / name)
+    return folder
 
 
 def decoded_by_cantools(arm, log, channel="can0", bus=""):
@@ -96,9 +106,8 @@ def test_an_arm_of_two_buses_has_a_dbc_for_each_and_all_its_readings(both, here)
 
 
 @pytest.mark.slow
-def test_parquet_has_the_contacts_of_replay(field, here):
-    exported(field, "--arm", "pad", "--out", "x.parquet")
-    table = pq.read_table("x.contacts.parquet").to_pylist()
+def test_parquet_has_the_contacts_of_replay(field, files, here):
+    table = pq.read_table(files / "x.contacts.parquet").to_pylist()
     run("replay", field, "--arm", "pad", "--out", "replay.csv")
     expected = list(csv.DictReader(Path("replay.csv").read_text().splitlines()))
     assert len(table) == len(expected) > 20
@@ -129,9 +138,8 @@ def messages_of(path):
 
 
 @pytest.mark.slow
-def test_mcap_holds_readings_and_contacts_in_messages_that_foxglove_knows(field, here):
-    exported(field, "--arm", "pad", "--out", "x.mcap")
-    topics = messages_of("x.mcap")
+def test_mcap_holds_readings_and_contacts_in_messages_that_foxglove_knows(files):
+    topics = messages_of(files / "x.mcap")
     counts = {}
     for t_ns, cloud in topics["/pressures"]:
         dtype = np.dtype(
@@ -145,13 +153,12 @@ def test_mcap_holds_readings_and_contacts_in_messages_that_foxglove_knows(field,
         points = np.frombuffer(cloud.data, dtype)
         counts |= {(t_ns, int(p["node_id"]), int(p["tactel"])): int(p["counts"]) for p in points}
         assert np.unique(points[["x", "y"]]).size == len(np.unique(points["tactel"]))
-    exported(field, "--arm", "pad", "--out", "x.parquet")
-    table = pq.read_table("x.parquet").to_pylist()
+    table = pq.read_table(files / "x.parquet").to_pylist()
     assert counts == {(row["t_ns"], row["node_id"], row["tactel"]): row["counts"] for row in table}
     values = [contact for _, message in topics["/contacts/values"] for contact in message["contacts"]]
     assert values == [
         {name: cell for name, cell in row.items() if name not in ("t_ns", "cycle")}
-        for row in pq.read_table("x.contacts.parquet").to_pylist()
+        for row in pq.read_table(files / "x.contacts.parquet").to_pylist()
     ]
     lines = [entity for _, scene in topics["/contacts"] for entity in scene.entities]
     for contact, entity in zip(values, lines, strict=True):
@@ -161,9 +168,8 @@ def test_mcap_holds_readings_and_contacts_in_messages_that_foxglove_knows(field,
 
 
 @pytest.mark.slow
-def test_a_log_of_another_arm_leaves_what_was_there(field, here):
-    exported(field, "--arm", "pad", "--out", "x.mcap")
-    before = Path("x.mcap").read_bytes()
+def test_a_log_of_another_arm_leaves_what_was_there(field, files, here):
+    before = Path(shutil.copy(files / "x.mcap", here)).read_bytes()
     path = changed(here, [format_line(f) for f in frames_in(field) if not 0x181 <= f.can_id <= 0x4FF])
     for args in ((path,), (field, "-c", "can7")):
         said = exported(*args, "--arm", "pad", "--out", "x.mcap", status=1)

@@ -73,11 +73,11 @@ HERE = "python:tests.cli.commands.test_guard:"
 
 @pytest.mark.slow
 def test_every_stop_is_done_and_none_waits_for_another(own_bus, arm, tmp_path):
-    skin, done = Skin(gfc_at=100), tmp_path / "done"
+    skin, done = Skin(gfc_at=50), tmp_path / "done"
     stops = ["command:false", "cia402:100", f"{HERE}fail", f"{HERE}stop", f"command:touch '{done}'"]
     with own_bus.with_cores(skin):
         words = [word for stop in stops for word in ("--stop", stop)]
-        said = own_bus.run("guard", arm, *words, "--seconds", 6, status=1)
+        said = own_bus.run("guard", arm, *words, "--seconds", 4, status=1)
     lines = said.splitlines()
     assert lines[0].startswith("This guard is not certified")
     assert "1 of 1 patch guarded" in lines[1]

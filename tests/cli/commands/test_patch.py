@@ -1,4 +1,4 @@
-"""`skinbus patch`: the example as a process on a bus, and words that name no function."""
+"""`skinbus patch` and `skinbus board check`: the example as a process on a bus."""
 
 import pytest
 
@@ -29,4 +29,6 @@ def test_example_reader_passes_the_check_of_boards(skinbus, group, monkeypatch):
     words = ["board", "check", "--node", "5", "--response-ms", "200", "--syncs", "50", *bus]
     answer = run(*words, status=None)
     rows = passed_rows(answer)
-    assert [["pass", name] in rows for name in ("channels", "at", "EMCY")] == [True] * 3, answer
+    wanted = [["pass", name] for name in ("identity", "channels", "at", "EMCY")] + [["skipped", "storage"]]
+    assert all(row in rows for row in wanted), answer
+    assert "no node 77" in run("board", "check", "--node", "77", *bus, status=1)
