@@ -122,6 +122,8 @@ class Cycle:
         self.loads = self._load_meter.measure(np.zeros(arm.n_tactels), np.zeros(arm.n_tactels, np.int8))
         self.pressures = np.zeros(arm.n_tactels)
         """(n_tactels,) Pa of the newest cycle, less the zeros; of stale patches old, and not used."""
+        self.valid = np.ones(arm.n_tactels, np.bool_)
+        """(n_tactels,) of them those that were used in the newest cycle."""
         self._wants_zero = np.full(arm.n_patches, zero_at_start)
         laws = [placed.patch.law for placed in arm.patches]
         measured = np.array([law.misfit_profile is not None for law in laws])
@@ -157,17 +159,17 @@ class Cycle:
         if self._wants_zero.any():
             self._zero(fresh & self._wants_zero)
         self.pressures[self.plausibility.faults != 0] = np.nan
-        missing = np.isnan(self.pressures) | ~self.arm.tactel_healthy
+        self.valid = np.isfinite(self.pressures) & self.arm.tactel_healthy
         contacts = self.estimator.update(
             self.pressures, t_ns, valid=fresh, baseline=self.baseline, level=level, budget_us=budget_us
         )
         meter, felt = self._load_meter, self.baseline.felt
         self.loads = meter.measure(self.pressures, felt.touched, fresh, baseline=self.baseline)
         meter.flag_extended(contacts, self.loads)
-        self.pressures[missing] = 0.0  # what is shown is finite
-        missing |= ~fresh[self.arm.tactel_patch]
-        if missing.any():
-            self._flag(contacts, missing)
+        self.pressures[~self.valid] = 0.0  # what is shown is finite
+        self.valid &= fresh[self.arm.tactel_patch]
+        if not self.valid.all():
+            self._flag(contacts, ~self.valid)
         tracks = self.tracker.update(contacts, t_ns, fresh, age_ns)
         self._widen(contacts)
         self._doubt_what_is_left(contacts)

@@ -69,9 +69,8 @@ class Readings:
         return cls(np.zeros(n), np.zeros(n, np.bool_), np.zeros(n, np.uint8))
 
     @classmethod
-    def of(cls, arm: Arm, pressures: Floats, fresh: Bools, faults: npt.NDArray[np.integer]) -> Readings:
-        """Return those of an arm, of which the patches that are ``fresh`` have answered."""
-        valid = fresh[arm.tactel_patch] & arm.tactel_healthy & (faults == 0)
+    def of(cls, pressures: Floats, valid: Bools, faults: npt.NDArray[np.integer]) -> Readings:
+        """Return those of all tactels (n_tactels,)."""
         return cls(np.where(valid, pressures, 0.0), valid, faults.astype(np.uint8))
 
 

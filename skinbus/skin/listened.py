@@ -258,10 +258,13 @@ class ListenedReadings:
         self._seen &= np.where(is_sending, ~self._plan.on_sync, 0)
         pressures = (self._counts - self._plan.counts_offset) * self._plan.counts_scale
         self._plausibility.judge(pressures, t_ns, fresh, self._baseline)
+        fresh &= ~self._plausibility.is_withheld
         self._baseline.apply(pressures, t_ns, fresh)
         while self._wanted:
             self._baseline.zero(self._wanted.popleft())
-        return Readings.of(self._arm, pressures, fresh, self._plausibility.faults)
+        faults, arm = self._plausibility.faults, self._arm
+        valid = fresh[arm.tactel_patch] & arm.tactel_healthy & np.isfinite(pressures) & (faults == 0)
+        return Readings.of(pressures, valid, faults)
 
     def zero(self, patch: int | None) -> None:
         """Take what is read in the next cycle for zero, on one patch or all; from any thread."""

@@ -49,7 +49,7 @@ class CycleMaker:
             Context(self.layout, self.now_ns or (lambda: ended_ns), place),
             records,
             patches,
-            Readings.of(self._arm, report.pressures, report.fresh, master.cycle.plausibility.faults),
+            Readings.of(report.pressures, master.cycle.valid, master.cycle.plausibility.faults),
             budget_us=math.inf if report.budget_us is None else report.budget_us,
         )
 

@@ -12,6 +12,7 @@ from skinbus.master.patches.table import PatchState
 from skinbus.skin.cycle import CONTACT, SkinLayout, fill_places
 from skinbus.skin.feed import Feed
 from skinbus.skin.listened import ListenCore
+from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.skin import TouchEvents
 from tests.master.rig import Rig
 from tests.skin.scenes import write
@@ -69,6 +70,18 @@ def test_readings_are_the_pressures_that_the_master_has(listening):
     assert np.abs(run(40)[-1].readings.pressures).max() < 5e3
     rig.patches.unplugged.add(1)
     assert not run(100)[-1].readings.valid.any()
+
+
+def test_a_reading_that_is_not_used_is_not_valid(listening):
+    """Some are at the lower rail: that is no fault of their tactels yet."""
+    rig, _, run = listening
+    run(700)
+    rig.patches.changes[1] = lambda tpdo, counts: [-0x8000] * 4 if tpdo else counts
+    heard, made = run(20)[-1], CycleMaker(rig.scene.arm).make(rig.master, rig.reports[-1])
+    for readings in (heard.readings, made.readings):
+        assert readings.valid.tolist() == [True] * 4 + [False] * 12
+        assert not readings.faults.any()
+        assert np.isfinite(readings.pressures).all()
 
 
 def test_a_cycle_is_handed_on_when_its_last_contact_has_come(listening):
