@@ -95,11 +95,8 @@ class Publisher:
         """Write and send the tracks of a cycle; return the identity of each contact, 0 if it has no slot."""
         in_slot = tracks.slot >= 0
         seen = np.flatnonzero(in_slot & (tracks.row >= 0))
-        unseen = np.flatnonzero(in_slot & (tracks.row < 0))
-        if len(seen):
-            self._write(now_ns, contacts, tracks, seen)
-        if len(unseen):
-            self._write_unseen(now_ns, tracks, unseen)
+        if in_slot.any():
+            self._write(now_ns, contacts, tracks, np.flatnonzero(in_slot))
         slots = tracks.slot[in_slot].tolist()
         self._used.update(slots)
         for node in self._nodes:
@@ -178,23 +175,16 @@ class Publisher:
         for node in self._nodes:
             node.frames[0] = tuple(value & 0xFFFFFFFF for value in values)
 
-    def _write_unseen(self, now_ns: int, tracks: Tracks, which: npt.NDArray[np.intp]) -> None:
-        """Say of tracks that they coast or have ended: as last seen, but a lifted one has no force."""
-        slots, records = tracks.slot[which], self._records
-        records["Link and state"][slots] = tracks.link[which] & 0xF | tracks.state[which] << 4
-        records["Age ms"][slots] = _age_ms(now_ns, tracks.seen_ns[which])
-        lifted = slots[tracks.state[which] == TrackState.LIFT]
-        records["Force 0.01N"][lifted] = records["Force"][lifted] = 0
-        for member, column in _motion(tracks, which).items():
-            records[member][slots] = column
-
     def _write(self, now_ns: int, c: Contacts, tracks: Tracks, which: npt.NDArray[np.intp]) -> None:
-        """Write the raw estimates of the tracks seen in this cycle, and their motion."""
-        slots, rows = tracks.slot[which], tracks.row[which]
-        link, s, a, force = c.link[rows], c.s[rows], c.a[rows], c.force[rows]
-        state = np.where(tracks.state[which] == TrackState.TOUCH, ContactState.TOUCH, ContactState.HELD)
-        packed = pack_contacts(id=tracks.id[which], link=link, state=state, s=s, a=a, force=force)
-        place_sd, force_sd = pack_deviations(c.covariance[rows])
+        """Write tracks as they were seen last, and the raw estimates of those seen in this cycle.
+
+        One that has ended has no force.
+        """
+        slots, link, patch = tracks.slot[which], tracks.link[which], tracks.patch[which]
+        s, a, state, mean = tracks.s[which], tracks.a[which], tracks.state[which], tracks.mean[which]
+        force, filtered = np.where(state == TrackState.LIFT, 0.0, [tracks.force[which], mean[:, 4]])
+        said = np.where(state == TrackState.MOVE, ContactState.HELD, state)
+        packed = pack_contacts(id=tracks.id[which], link=link, state=said, s=s, a=a, force=force)
         points, normals = np.zeros((2, len(slots), 3))
         for number in np.unique(link):
             here = link == number
@@ -204,28 +194,35 @@ class Publisher:
                 member: packed[field]
                 for member, field in zip(profile.CONTACT_MEMBERS, PAYLOAD.names or (), strict=False)
             },
-            **_motion(tracks, which),
+            **dict(zip(("Filtered s", "Filtered a", "Velocity s", "Velocity a"), mean.T, strict=False)),
+            "Filtered force": np.maximum(filtered, 0.0),
             "Identity": tracks.identity[which],
+            "Node-ID": self._arm.node_id[patch],
+            "Bus": self._arm.patch_bus[patch] + 1,
+            "Age ms": np.clip((now_ns - tracks.seen_ns[which]) // 1_000_000, 0, 0xFFFFFFFF),
+            **dict(zip("xyz", points.T, strict=True)),
+            **dict(zip(("nx", "ny", "nz"), normals.T, strict=True)),
+            "s": s,
+            "a": a,
+            "Force": force,
+        }
+        records, is_seen = self._records[slots], tracks.row[which] >= 0
+        for member, column in columns.items():
+            records[member] = column
+        rows = tracks.row[which][is_seen]
+        place_sd, force_sd = pack_deviations(c.covariance[rows])
+        estimates = {
             "Level": [LEVELS.index(level) for level in c.level[rows]],
             "Quality": c.quality[rows],
             "Place sd 0.1mm": place_sd,
             "Force sd 0.05N": force_sd,
             "Tactels used": np.minimum(c.n_tactels[rows], 0xFF),
-            "Node-ID": self._arm.node_id[c.patch[rows]],
-            "Bus": self._arm.patch_bus[c.patch[rows]] + 1,
-            "Age ms": _age_ms(now_ns, tracks.seen_ns[which]),
             "Time ns": max(c.t_ns, 0),
-            **dict(zip("xyz", points.T, strict=True)),
-            **dict(zip(("nx", "ny", "nz"), normals.T, strict=True)),
             **{name: _real32(c.covariance[rows, i, j]) for name, i, j in COVARIANCES},
             "Residual": _real32(c.residual[rows]),
-            "s": s,
-            "a": a,
-            "Force": force,
         }
-        records = np.zeros(len(slots), self._records.dtype)
-        for member, column in columns.items():
-            records[member] = column
+        for member, column in estimates.items():
+            records[member][is_seen] = column
         self._records[slots] = records
 
 
@@ -257,18 +254,6 @@ def _counts(value: float, step: float, most: int) -> int:
     return round(min(max(value / step, 0.0), most))
 
 
-def _age_ms(now_ns: int, seen_ns: Ints) -> Ints:
-    """Return how long ago tracks were seen, (n,) ms."""
-    return np.clip((now_ns - seen_ns) // 1_000_000, 0, 0xFFFFFFFF)
-
-
 def _real32(values: Floats) -> Floats:
     """Return values that fit into a REAL32: what is not known at all has a variance, not an infinite one."""
     return np.clip(values, -REAL32_MAX, REAL32_MAX)
-
-
-def _motion(tracks: Tracks, which: npt.NDArray[np.intp]) -> dict[str, Floats]:
-    """Return the members of a record that come from the filter; a force is not negative."""
-    mean = tracks.mean[which]
-    names = ("Filtered s", "Filtered a", "Velocity s", "Velocity a")
-    return {**dict(zip(names, mean.T, strict=False)), "Filtered force": np.maximum(mean[:, 4], 0.0)}

@@ -1,12 +1,14 @@
 """A master that is killed in a press comes back with the same zeros, contacts, identities and forces."""
 
 import json
+import struct
 
 import numpy as np
 import pytest
 
 from skinbus.estimate import TrackState
 from tests.files import put
+from tests.master.buses_rig import contacts_in
 from tests.master.restarting import SCENE, Restarts
 
 
@@ -87,6 +89,16 @@ def test_a_contact_that_ended_meanwhile_is_lifted_and_numbers_go_on(tmp_path):
     assert states[-1] == TrackState.LIFT
     last = story.tables["last_identity"], story.tables["last_id"]
     assert story.restarts.master.cycle.tracker.last == last
+
+
+@pytest.mark.slow
+def test_a_contact_that_ended_while_no_master_ran_is_published_as_it_was_and_lifted(story):
+    tables = story.copy()
+    tables["contacts"].append(tables["contacts"][0] | {"identity": 3, "id": 3, "slot": 2, "s": 0.045})
+    story.restarts.start(tables, 1.5)
+    _, _, frames = story.restarts.run(600)
+    said = [struct.unpack("<BBh", data[:4]) for can_id, data in contacts_in(frames) if can_id == 0x683]
+    assert said == [(3, TrackState.COAST << 4, 450)] * 2 + [(3, TrackState.LIFT << 4, 450)]
 
 
 def test_an_old_state_is_not_trusted_and_says_of_which_tactels(story):
