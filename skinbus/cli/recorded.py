@@ -47,7 +47,7 @@ class RecordedCycle(NamedTuple):
 
     cycle: Cycle
     t_ns: int
-    """Of its SYNC, ns since 1970."""
+    """Of its SYNC, or of the change that began it, ns since 1970."""
     readings: npt.NDArray[Any]
     """(n_readings,) of READING."""
 
@@ -117,7 +117,7 @@ class Recorded(Replayed):
 
     def made(self, cycle: Cycle, report: CycleReport) -> RecordedCycle:
         """Return a cycle with the readings of the boards that sent them."""
-        stamp_ns = self.replay.sync_stamp_ns
+        stamp_ns = report.t_ns + self.replay.stamp_ns
         (tactels,) = np.nonzero(report.fresh[self.arm.tactel_patch])
         rows = self._tactels[tactels]
         used = cycle.readings

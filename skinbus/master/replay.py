@@ -117,8 +117,8 @@ class Replay:
         self.master = master = Master(arm, follows=True, on_cycle=on_cycle, **settings)
         self.timeline = Timeline()
         self.taken = Taken()
-        self.sync_stamp_ns = 0
-        """When the open cycle began, as the recording says it."""
+        self.stamp_ns = 0
+        """What to add to the time of a cycle to get that of the recording, in ``on_cycle``."""
         self._sync_bus = sync_bus
         self._on_event = on_event
         self._data_ids = [master.data_ids_on(k) for k in range(master.n_buses)]
@@ -138,6 +138,8 @@ class Replay:
             self.taken.n_remote += not flags & ERROR
             return
         now_ns = self.timeline.at(t_ns)
+        if not self.master.gather.is_open:
+            self.stamp_ns = t_ns - now_ns
         if can_id in self._data_ids[bus] and not flags & EXTENDED:
             self.taken.n_readings += 1
             self._wake_until(now_ns)
@@ -167,8 +169,8 @@ class Replay:
         bits = frame_bits(frame) - INTERFRAME_BITS
         begin_ns = max(now_ns - bits * 1_000_000_000 // self.master.arm.buses[frame.bus].bitrate, 0)
         self._wake_until(begin_ns)
-        self.sync_stamp_ns = frame.t_ns
         begin_ns = max(begin_ns, self._stepped_ns)
+        self.stamp_ns = frame.t_ns - begin_ns
         # one without a counter is given the next
         self._counter = frame.data[0] if frame.data else self._counter % MAX_COUNTER + 1
         self._step(begin_ns, (Frame(cia.SYNC_ID, bytes([self._counter]), begin_ns),))

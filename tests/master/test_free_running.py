@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from skinbus.master.patches.table import PatchState
+from skinbus.master.replay import Replay
 from skinbus.skin.cycle import SkinLayout
 from skinbus.skin.feed import Feed
 from skinbus.skin.listened import ListenCore
@@ -168,6 +169,18 @@ def test_what_a_patch_sent_before_it_started_anew_is_not_used(tmp_path):
     assert not len(cycles[-1].contacts), "the press has ended meanwhile"
 
 
+def test_a_cycle_of_a_recording_that_a_change_began_has_its_time(tmp_path):
+    rig = FreeRig(tmp_path, by_events(), by_events(), rate_hz=10.0)
+    rig.run_to(1.5)
+    began_ns = []
+    replay = Replay(rig.scene.arm, on_cycle=lambda report: began_ns.append(report.t_ns + replay.stamp_ns))
+    for frame in rig.frames:
+        replay.take(frame)
+    live_ns = [report.t_ns for report in rig.reports]
+    assert np.diff(live_ns).min() < 10 * MS
+    assert began_ns == pytest.approx(live_ns[: len(began_ns)], abs=0.2 * MS)
+
+
 def test_a_listener_shows_what_a_quiet_patch_has_sent_until_its_timer_has_run_out(tmp_path):
     rig = FreeRig(tmp_path, by_events(800), by_events(800), rate_hz=5.0)
     feed = Feed(SkinLayout.of(rig.scene.arm), "a test")
@@ -178,6 +191,7 @@ def test_a_listener_shows_what_a_quiet_patch_has_sent_until_its_timer_has_run_ou
     assert heard.readings.valid.all()
     assert np.abs(heard.readings.pressures - rig.reports[-1].pressures).max() < 50.0
     assert heard.patch_records["state"].tolist() == [PatchState.OPERATIONAL] * 2
+    assert (heard.patch_records["last_fresh_ns"] >= heard.t_ns).all()
     rig.patches.unplugged = {1}
     rig.run_to(3.5)
     heard = feed.peek()
