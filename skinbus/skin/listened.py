@@ -102,6 +102,8 @@ class ListenCore(Core):
         plan = ReadingsPlan(arm, ods)
         self._silent_ns = np.full(arm.n_patches, (MAX_MISSED + 1) * round(1e9 / arm.bus.rate_hz))
         np.maximum.at(self._silent_ns, plan.pdo_patch, plan.pause_ns * plan.free)
+        self._holds = plan.on_sync != plan.expected
+        """Patches whose newest readings hold while they are sending: they run freely."""
         self._data_ids = plan.cob_ids_on
         self.readings = ListenedReadings(arm, plan) if readings else None
         """What the patches send as pressures, where that was asked for."""
@@ -204,13 +206,14 @@ class ListenCore(Core):
 
     def _patches(self, now_ns: int) -> Records:
         """Return the states of patches by what was received from them."""
-        records = np.zeros(len(self._fresh_ns), PATCH)
+        records, is_sending = np.zeros(len(self._fresh_ns), PATCH), self._is_sending(now_ns)
         records["state"] = np.select(
-            [self._is_sending(now_ns), self._fresh_ns > 0, self._heard_ns > 0],
+            [is_sending, self._fresh_ns > 0, self._heard_ns > 0],
             [PatchState.OPERATIONAL, PatchState.SILENT, PatchState.BOOTING],
             PatchState.ABSENT,
         )
-        records["last_fresh_ns"], records["emcy"] = self._fresh_ns, self._emcy
+        records["last_fresh_ns"] = np.where(self._holds & is_sending, now_ns, self._fresh_ns)
+        records["emcy"] = self._emcy
         return records
 
     def _is_sending(self, now_ns: int) -> Mask:

@@ -46,7 +46,7 @@ class Screen:
         unrolled = self._drawn[width]
         columns, lines = unrolled.size
         if columns <= width and lines + BELOW <= height:
-            picture = unrolled.render(cycle, lost[self._arm.tactel_patch])
+            picture = unrolled.render(cycle)
             picture.rstrip()
             parts.append(picture)
         elif lost.any():

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from rich.text import Text
 from scipy.spatial.distance import pdist
 
-from skinbus.arrays import Bools, Floats
+from skinbus.arrays import Floats
 from skinbus.model import Arm
 from skinbus.skin.cycle import Cycle
 
@@ -34,7 +34,7 @@ _SIGNS = np.array(
     ],
     object,
 )
-"""Letters and styles of pressures, of a tactel without reading, and of no tactel."""
+"""Letters and styles of pressures, of a tactel without a reading that is used, and of no tactel."""
 CONTACT_STYLE = "bold black on green"
 TRUTH = ("+", "bold white on magenta")
 
@@ -54,14 +54,11 @@ class Unrolled:
         self.size = max(columns), sum(rows) + len(rows) * self._has_names
         """Characters in a line, and lines."""
 
-    def render(self, cycle: Cycle, lost: Bools) -> Text:
-        """Return the picture of a cycle.
-
-        ``lost`` (n_tactels,) have no fresh readings: their pressure is not known, and is not shown as zero.
-        """
+    def render(self, cycle: Cycle) -> Text:
+        """Return the picture of a cycle; a pressure that is not known is not shown as zero."""
         # Square root: a light touch is seen beside a hard one.
         shade = np.sqrt(np.clip(cycle.readings.pressures / FULL_SHADE_PA, 0.0, 1.0)) * (len(SHADES) - 1)
-        signs = np.append(np.where(lost, len(SHADES), np.ceil(shade).astype(int)), -1)
+        signs = np.append(np.where(cycle.readings.valid, np.ceil(shade).astype(int), len(SHADES)), -1)
         drawn = {name: _SIGNS[signs[grid.tactel]] for name, grid in self._grids.items()}
         for touch in cycle.truth:
             drawn[touch.link][self._grids[touch.link].cells(touch.s, touch.a)] = TRUTH

@@ -14,6 +14,7 @@ from skinbus.skin.feed import Feed
 from skinbus.skin.listened import ListenCore
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.skin import TouchEvents
+from skinbus.view.unrolled import LOST, Unrolled
 from tests.master.rig import Rig
 from tests.skin.scenes import write
 
@@ -82,6 +83,7 @@ def test_a_reading_that_is_not_used_is_not_valid(listening):
         assert readings.valid.tolist() == [True] * 4 + [False] * 12
         assert not readings.faults.any()
         assert np.isfinite(readings.pressures).all()
+    assert Unrolled(rig.scene.arm, 80).render(heard).plain.count(LOST) == 12
 
 
 def test_a_cycle_is_handed_on_when_its_last_contact_has_come(listening):
