@@ -22,8 +22,8 @@ from skinbus.estimate.tracking import KeptTrack
 from skinbus.master.cycle import Cycle
 from skinbus.model import Arm
 
-DIGITS = 8
-"""Significant digits of a pressure: a ten-thousandth of the noise of any converter."""
+DIGITS = 10
+"""Significant digits: those of a serial number."""
 
 COLUMNS = {
     "zero_Pa": "zero",

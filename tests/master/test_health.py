@@ -10,12 +10,14 @@ from skinbus.model import Arm
 from tests.master.watched import Watched
 
 SEED = 20261203
+SERIAL = 0xFEDCBA98
 
 
 @pytest.fixture(scope="module")
 def settled():
     """A board that is commissioned."""
     watched = Watched(SEED)
+    watched.cycle.serials[:] = SERIAL
     watched.settle()
     return json.loads(json.dumps(watched.tables()))
 
@@ -23,11 +25,13 @@ def settled():
 def test_faults_are_counted(settled):
     watched = Watched(SEED + 1, tables=settled)
     assert watched.taken == 1
+    watched.cycle.serials[:] = SERIAL
     watched.zero[:] = 600.0
     watched.zero[2] = -30e3  # out of its band
     watched.run(20)
     assert watched.health.records["faults"][2] >= 1
     assert watched.health.records["seen"][2] > 0
+    assert np.isfinite(watched.health.records["zero_first"]).all()
 
 
 def test_another_board_or_calibration_begins_anew(settled):
