@@ -111,8 +111,8 @@ class Cycle:
         self.arm = arm
         self.estimator = estimator
         longest_s = max(BLIND_S, BLIND_CYCLES / arm.bus.rate_hz)
-        self.serials = self._serials = np.zeros(arm.n_patches, np.int64)
-        """(n_patches,) serial numbers of the boards, 0 for not known."""
+        self.serials, self.zeroed_serials = np.zeros((2, arm.n_patches), np.int64)
+        """(n_patches,) serial numbers of the boards, 0 for not known; and of those that the zeros are of."""
         self.tracker = Tracker(arm, n_slots=MAX_CONTACTS, blind_s=longest_s)
         self.baseline = Baseline(arm)
         self.plausibility = Plausibility(arm)
@@ -150,9 +150,10 @@ class Cycle:
         """
         np.subtract(counts, self._offset, out=self.pressures)
         self.pressures *= self.scale
-        for p in np.flatnonzero((self._serials != 0) & (self.serials != self._serials)).tolist():
+        is_new = (self.serials != 0) & (self.serials != self.zeroed_serials)
+        for p in np.flatnonzero(is_new & (self.zeroed_serials != 0)).tolist():
             self.baseline.begin(p)
-        self._serials = self.serials.copy()
+        self.zeroed_serials[is_new] = self.serials[is_new]
         self.plausibility.judge(self.pressures, t_ns, fresh, self.baseline)
         fresh = fresh & ~self.plausibility.is_withheld
         self.baseline.apply(self.pressures, t_ns, fresh)

@@ -64,6 +64,7 @@ class Memory:
         return {
             "zeros": self._cycle.baseline.kept(),
             "faults": self._cycle.plausibility.faults.copy(),
+            "serial": self._cycle.zeroed_serials[self._arm.tactel_patch],
             "tracks": self._tracker.kept(),
             "last": self._tracker.last,
         }
@@ -74,7 +75,7 @@ class Memory:
         columns = {key: getattr(snapshot["zeros"], column) for key, column in COLUMNS.items()}
         return {
             "arm": arm.name,
-            "patches": tables_of(arm, columns | {"faults": snapshot["faults"]}),
+            "patches": tables_of(arm, columns | {key: snapshot[key] for key in ("faults", "serial")}),
             "contacts": [track._asdict() | {"patch": names[track.patch]} for track in snapshot["tracks"]],
             "last_identity": identity,
             "last_id": number,
@@ -95,6 +96,7 @@ class Memory:
             flags = {column: columns[column] != 0.0 for column in ("zeroed", "touched")}
             zeros = KeptZeros(**{**columns, **flags})
             taken = self._cycle.baseline.resume(p, zeros, age_s)
+            self._cycle.zeroed_serials[p] = kept.get("serial", [0])[0]
             found.n_zeros += taken
             if taken:
                 self._cycle.keep_zero(p)

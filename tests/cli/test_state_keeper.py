@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from skinbus.cli import state_keeper
@@ -19,6 +20,7 @@ class Kept:
         arm = load_arm("pad")
         self.baseline = Baseline(arm)
         self.cycle = SimpleNamespace(
+            zeroed_serials=np.zeros(1),
             arm=arm,
             baseline=self.baseline,
             plausibility=Plausibility(arm),
