@@ -299,11 +299,12 @@ class Baseline:
     def zero(self, patch: int | None = None) -> None:
         """Let the next start take what it reads as zero, touched or not, on one patch or all.
 
-        The zero band moves along: whoever asks for it says that nothing touches the skin.
+        The zero band moves along: whoever asks for it says that nothing touches the skin. A patch that is
+        not read now begins as at power-on: its newest readings may be of a touch.
         """
         w, p = self.felt, slice(None) if patch is None else slice(patch, patch + 1)
         i = slice(None) if patch is None else self.arm.tactels_of(patch)
-        read = np.isfinite(self._last[i])
+        read = np.isfinite(self._last[i]) & (self._silent_s <= CALM_S)[self._patch[i]]
         w.zero[i] = self._centre[i] = np.where(read, self._last[i], self._centre[i])
         w.doubt[i] = np.maximum(w.variance[i], w.doubt[i])
         self._n_free[i] = read

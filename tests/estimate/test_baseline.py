@@ -53,6 +53,15 @@ def skin():
     return Skin()
 
 
+def test_a_patch_that_is_silent_is_not_zeroed_by_what_it_read_before(skin):
+    skin.read(seconds=1.0)
+    skin.read(press(0.1, 0.0, 5.0))
+    skin.read(seconds=1.0, fresh=[False, True, True])
+    skin.baseline.zero()
+    assert np.abs(skin.baseline.zeros).max() < 5.0 * SIGMA
+    assert np.abs(skin.read()).max() < 5.0 * SIGMA
+
+
 def test_offsets_are_gone_after_the_start(skin):
     offset = 300.0 * np.random.default_rng(5).standard_normal(N).clip(-2, 1)
     skin.read(offset, seconds=0.6)
