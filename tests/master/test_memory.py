@@ -12,11 +12,6 @@ from tests.master.buses_rig import contacts_in
 from tests.master.restarting import SCENE, Restarts
 
 
-def restarts_of(folder, text=SCENE, **settings):
-    """The restarts of a scene."""
-    return Restarts(put(folder, "scene.toml", text), level="fit", **settings)
-
-
 def shown(report):
     """Contacts by identity: number, slot, force (N)."""
     t = report.tracks
@@ -36,17 +31,21 @@ def mean_force(reports):
 
 
 class Story:
-    """Killed in a press, and started again a second and a half later."""
+    """Killed in a press of three fingers, of which two are there when it is started again."""
 
     def __init__(self, restarts):
         self.restarts = restarts
         restarts.run(2900)
         self.before, _, _ = restarts.run(500)
         self.tables = json.loads(json.dumps(restarts.kill()))
+        self.tables |= {"last_identity": 3, "last_id": 3}
+        contacts = self.tables["contacts"]
+        contacts.append(contacts[0] | {"identity": 3, "id": 3, "slot": 2, "s": 0.045})
         restarts.run(1500)
         self.found = restarts.start(self.tables, 1.5)
-        restarts.run(1500)
+        _, _, self.frames = restarts.run(1500)
         self.after, _, _ = restarts.run(500)
+        self.last = restarts.master.cycle.tracker.last
 
     def copy(self):
         """The state, to be changed."""
@@ -55,7 +54,9 @@ class Story:
 
 @pytest.fixture(scope="module")
 def story(tmp_path_factory):
-    return Story(restarts_of(tmp_path_factory.mktemp("press")))
+    """With ``zero_at_start``, too: what is pressed at the restart is no zero."""
+    scene = put(tmp_path_factory.mktemp("press"), "scene.toml", SCENE)
+    return Story(Restarts(scene, level="fit", zero_at_start=True))
 
 
 @pytest.mark.slow
@@ -73,32 +74,10 @@ def test_killed_in_a_press_it_comes_back_with_the_same_contacts_and_forces(story
 
 
 @pytest.mark.slow
-def test_a_contact_that_ended_meanwhile_is_lifted_and_numbers_go_on(tmp_path):
-    """With ``zero_at_start``, too: what is pressed at the restart is no zero."""
-    scene = SCENE.replace("[89000.0, 3.0]", "[3.8, 3.0], [3.9, 0.0]")
-    story = Story(restarts_of(tmp_path, scene, zero_at_start=True))
-    old, new = shown(story.before[-1]).keys(), shown(story.after[-1]).keys()
-    assert (len(old), len(new)) == (2, 1)
-    (gone,) = old - new
-    states = [
-        int(state)
-        for report in story.restarts.reports
-        for identity, state in zip(report.tracks.identity, report.tracks.state, strict=True)
-        if identity == gone
-    ]
-    assert states[-1] == TrackState.LIFT
-    last = story.tables["last_identity"], story.tables["last_id"]
-    assert story.restarts.master.cycle.tracker.last == last
-
-
-@pytest.mark.slow
 def test_a_contact_that_ended_while_no_master_ran_is_published_as_it_was_and_lifted(story):
-    tables = story.copy()
-    tables["contacts"].append(tables["contacts"][0] | {"identity": 3, "id": 3, "slot": 2, "s": 0.045})
-    story.restarts.start(tables, 1.5)
-    _, _, frames = story.restarts.run(600)
-    said = [struct.unpack("<BBh", data[:4]) for can_id, data in contacts_in(frames) if can_id == 0x683]
+    said = [struct.unpack("<BBh", data[:4]) for can_id, data in contacts_in(story.frames) if can_id == 0x683]
     assert said == [(3, TrackState.COAST << 4, 450)] * 2 + [(3, TrackState.LIFT << 4, 450)]
+    assert story.last == (3, 3), "numbers go on"
 
 
 def test_an_old_state_is_not_trusted_and_says_of_which_tactels(story):
