@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-from skinbus.master.level_control import with_level
 from skinbus.objects.contacts import LENGTH_STEP, PAYLOAD, ContactState
 from tests.master.buses_rig import CONTACT_IDS
-
-SUMMARY_ID = 0x180 + 127
 
 
 def test_contact_of_a_touch_is_on_the_bus_as_its_tpdo_and_record_say(forearm):
@@ -28,28 +25,6 @@ def test_contact_of_a_touch_is_on_the_bus_as_its_tpdo_and_record_say(forearm):
     assert abs(nx) < 1e-6
     assert np.allclose([ny * radius, nz * radius], [y, z], atol=1e-6)
     assert abs(x - get(0x3001, 25)) < 1e-6
-
-
-def test_summary_says_counter_contacts_and_patches_alive(forearm):
-    forearm.run(1500)
-    cycles, _, frames = forearm.run(100)
-    data = next(f.data for f in reversed(frames) if f.can_id == SUMMARY_ID)
-    last = cycles[-1]
-    assert tuple(data[:4]) == (last.counter, len(last.contacts), 24, with_level(0, last.level))
-
-
-@pytest.mark.slow
-def test_lifted_contact_says_so_once_and_is_gone(rig):
-    _, _, frames = rig.run(rig.scene.duration_s * 1e3)
-    said = [(f.data[0], f.data[1] >> 4) for f in frames if f.can_id in CONTACT_IDS]
-    identities = {identity for identity, _ in said if identity}
-    assert identities
-    for identity in identities:
-        states = [state for i, state in said if i == identity]
-        assert states[0] == ContactState.TOUCH
-        assert states.count(ContactState.TOUCH) == 1
-        assert states[-1] == ContactState.LIFT
-        assert states.count(ContactState.LIFT) == 1
 
 
 @pytest.mark.slow
