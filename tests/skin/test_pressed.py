@@ -20,6 +20,5 @@ def test_loads_are_those_of_the_master_where_a_press_is_well_above_the_threshold
         valid = np.ones(arm.n_tactels, np.bool_)
         loads = pressed.of(Readings(report.pressures, valid, np.zeros(arm.n_tactels, np.uint8)))
         assert loads.force == pytest.approx(report.loads.force, rel=0.05)
-        assert loads.links.force.sum() == pytest.approx(loads.patches.force.sum())
         compared += 1
     assert compared > 10

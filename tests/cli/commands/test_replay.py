@@ -48,16 +48,14 @@ def test_contacts_of_every_cycle_are_those_that_were_published(field, plain):
 
 
 @pytest.mark.slow
-def test_the_same_log_gives_the_same_bytes(field, plain, tmp_path):
-    (said, first), again = plain, tmp_path / "again.csv"
-    assert replay(field, "--arm", "pad", "--out", again) == said.replace(str(first), str(again))
-    assert again.read_bytes() == first.read_bytes()
-    pipe = tmp_path / "pipe"
+def test_a_log_from_a_pipe_gives_the_same_bytes(field, plain, tmp_path):
+    (said, first), again, pipe = plain, tmp_path / "again.csv", tmp_path / "pipe"
     os.mkfifo(pipe)
     with ThreadPoolExecutor() as writer:
         writer.submit(pipe.write_bytes, field.read_bytes())
-        piped = replay(pipe, "--arm", "pad").splitlines()[1:]
-    assert piped == said.splitlines()[1 : 1 + len(piped)]
+        piped = replay(pipe, "--arm", "pad", "--out", again).splitlines()
+    assert piped[1:-1] == said.splitlines()[1:-1]
+    assert again.read_bytes() == first.read_bytes()
 
 
 @pytest.mark.slow
