@@ -144,15 +144,15 @@ class _SharedFeed(Feed):
 
 
 def _on_arm(written: SkinLayout, arm: Arm) -> SkinLayout:
-    """Return what the writer says of its arm and the arm file of its robot.
+    """Return what the arm file of a writer says, whose names are whole, at the rate of the writer.
 
     Raises:
         ShareError: they are not of one arm.
     """
     here = SkinLayout.of(arm)
-    if any(getattr(written, name) != getattr(here, name) for name in ("links", "buses", "geometry")):
+    if written.geometry != here.geometry:
         raise ShareError(
             f"shared memory is of another arm than {arm.name}: links or buses have other names, or links, "
             "boards or tactels are elsewhere; give the arm file that the writer runs, as it was when it began"
         )
-    return replace(written, X_LS=here.X_LS, joints=here.joints)
+    return replace(here, period_ns=written.period_ns)

@@ -37,7 +37,7 @@ class SkinLayout:
     joints: tuple[str, ...] | None = None
     """Names of the joints that move skin or tool; None without ``[robot]``, or where they are not known."""
     geometry: int = 0
-    """Digest of where links, boards and tactels are: of what a contact and a reading mean."""
+    """Digest of names, and of where links, boards and tactels are: of what a contact and a reading mean."""
 
     @classmethod
     def of(cls, arm: Arm) -> SkinLayout:
@@ -90,7 +90,7 @@ class SkinLayout:
 
 
 def digest(arm: Arm) -> int:
-    """Return a number of 64 bits for where links, boards and tactels are; never 0."""
+    """Return a number of 64 bits for names, and where links, boards and tactels are; never 0."""
     parts: list[npt.ArrayLike] = [arm.node_id, arm.patch_bus, arm.patch_link, arm.patch_s, arm.patch_a]
     parts += [arm.patch_start, arm.tactel_s, arm.tactel_a]
     for surface in (link.surface for link in arm.links):
@@ -98,4 +98,5 @@ def digest(arm: Arm) -> int:
         parts += [getattr(surface, "points", ()), getattr(surface, "triangles", ())]
     steps = [np.nan_to_num(np.round(np.asarray(part, np.float64) / _STEP)) for part in parts]
     data = b"|".join((step + 0.0).tobytes() for step in steps)  # + 0.0: minus zero is zero
-    return int.from_bytes(hashlib.sha256(data).digest()[:8], "little") or 1
+    names = repr([*(link.name for link in arm.links), *(bus.name for bus in arm.buses)]).encode()
+    return int.from_bytes(hashlib.sha256(data + names).digest()[:8], "little") or 1

@@ -21,13 +21,13 @@ ROUND = """
 [arm]
 name = "round"
 [[link]]
-name = "tube"
+name = "the tube between the shoulder and the elbow"
 surface = "cylinder"
 length_mm = 140
 radius_mm = 40
 [[patch]]
 node_id = 1
-link = "tube"
+link = "the tube between the shoulder and the elbow"
 s_mm = 70
 angle_deg = 0
 yaw_deg = 0
@@ -76,14 +76,20 @@ def test_shared_memory_of_another_arm_or_without_an_arm_file_places_nothing(tmp_
 
 @pytest.mark.parametrize(
     ("old", "new"),
-    [("radius_mm = 40", "radius_mm = 41"), ("s_mm = 70", "s_mm = 70.1"), ("yaw_deg = 0", "yaw_deg = 90")],
+    [
+        ("radius_mm = 40", "radius_mm = 41"),
+        ("s_mm = 70", "s_mm = 70.1"),
+        ("yaw_deg = 0", "yaw_deg = 90"),
+        ("elbow", "wrist"),
+    ],
 )
 def test_an_arm_file_whose_numbers_mean_something_else_is_refused(tmp_path, old, new):
     """Links, buses and numbers of tactels are the same: only where things are is not."""
     file, name = tmp_path / "arm.toml", f"moved-{os.getpid()}"
     file.write_text(ROUND)
     writer = SharedWriter(name, SkinLayout.of(load_arm(file)))
-    skinbus.attach(name, arm=file).close()
+    with skinbus.attach(name, arm=file) as skin:
+        assert skin.links == ("the tube between the shoulder and the elbow",)
     file.write_text(ROUND.replace(old, new))
     with pytest.raises(ShareError, match="boards or tactels are elsewhere"):
         skinbus.attach(name, arm=file)
