@@ -337,7 +337,7 @@ class Master(Core):
             ids=ids,
             tracks=tracks,
             loads=self.cycle.loads,
-            pressures=np.where(fresh[self.arm.tactel_patch], self.cycle.pressures, 0.0),
+            pressures=np.where(self.cycle.valid, self.cycle.pressures, 0.0),
             n_fresh=int(fresh.sum()),
             fresh=fresh,
             compute_ns=self._compute_ns + end - begin,

@@ -57,25 +57,26 @@ class Memory:
     def __init__(self, cycle: Cycle) -> None:
         self._arm = cycle.arm
         self._cycle = cycle
-        self._tracker = cycle.tracker
 
     def snapshot(self) -> dict[str, Any]:
         """Return copies of all that is to be kept, soon: arrays, for :func:`as_tables`."""
+        cycle = self._cycle
+        zeros = cycle.baseline.kept()
+        columns = {key: getattr(zeros, column) for key, column in COLUMNS.items()}
+        columns["faults"] = cycle.plausibility.faults.copy()
+        columns["serial"] = cycle.zeroed_serials[self._arm.tactel_patch]
         return {
-            "zeros": self._cycle.baseline.kept(),
-            "faults": self._cycle.plausibility.faults.copy(),
-            "serial": self._cycle.zeroed_serials[self._arm.tactel_patch],
-            "tracks": self._tracker.kept(),
-            "last": self._tracker.last,
+            "columns": columns,
+            "tracks": cycle.tracker.kept(),
+            "last": cycle.tracker.last,
         }
 
     def as_tables(self, snapshot: dict[str, Any]) -> dict[str, Any]:
         """Return a snapshot as tables of numbers and texts."""
         arm, names, (identity, number) = self._arm, names_of(self._arm), snapshot["last"]
-        columns = {key: getattr(snapshot["zeros"], column) for key, column in COLUMNS.items()}
         return {
             "arm": arm.name,
-            "patches": tables_of(arm, columns | {key: snapshot[key] for key in ("faults", "serial")}),
+            "patches": tables_of(arm, snapshot["columns"]),
             "contacts": [track._asdict() | {"patch": names[track.patch]} for track in snapshot["tracks"]],
             "last_identity": identity,
             "last_id": number,
@@ -83,7 +84,7 @@ class Memory:
 
     def resume(self, tables: dict[str, Any], age_s: float) -> Resumed:
         """Take up a state that is ``age_s`` old; what does not fit the arm is left out."""
-        arm, found = self._arm, Resumed()
+        arm, found, tracker = self._arm, Resumed(), self._cycle.tracker
         names = names_of(arm)
         for p, name in enumerate(names):
             kept = tables["patches"].get(name)
@@ -103,12 +104,12 @@ class Memory:
             if n_stale := int(zeros.zeroed.sum()) - taken:
                 found.stale[p] = n_stale
             self._cycle.plausibility.resume(p, np.array(kept["faults"], np.int64))
-        self._tracker.last = max(tables["last_identity"], self._tracker.last[0]), tables["last_id"]
+        tracker.last = max(tables["last_identity"], tracker.last[0]), tables["last_id"]
         own = {name: p for p, name in enumerate(names) if name not in found.strangers}
         for row in tables["contacts"] if age_s <= CONTACT_S else ():
             if (p := own.get(row["patch"], -1)) >= 0:
                 track = KeptTrack(**row | {"patch": p, "link": arm.patches[p].link})
-                self._tracker.resume(track, CONTACT_S - age_s)
+                tracker.resume(track, CONTACT_S - age_s)
         return found
 
 

@@ -12,7 +12,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from skinbus.arrays import Bools, Bytes, Floats
 from skinbus.errors import LocalProtocolError
@@ -67,11 +66,6 @@ class Readings:
     def none(cls, n: int) -> Readings:
         """Return those of a source that carries none."""
         return cls(np.zeros(n), np.zeros(n, np.bool_), np.zeros(n, np.uint8))
-
-    @classmethod
-    def of(cls, pressures: Floats, valid: Bools, faults: npt.NDArray[np.integer]) -> Readings:
-        """Return those of all tactels (n_tactels,)."""
-        return cls(np.where(valid, pressures, 0.0), valid, faults.astype(np.uint8))
 
 
 @dataclass(frozen=True, slots=True)

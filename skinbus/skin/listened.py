@@ -22,6 +22,7 @@ from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import BusError
 from skinbus.estimate import Baseline, Plausibility, TrackState
 from skinbus.master.level_control import split_flags
+from skinbus.master.patches.supervisor import HEARTBEAT_FACTOR
 from skinbus.master.patches.table import MAX_MISSED, Mask, PatchState
 from skinbus.model import Arm
 from skinbus.node.sdo_client import SdoClient
@@ -29,6 +30,7 @@ from skinbus.objects import cia, profile
 from skinbus.objects.contacts import FORCE_STEP, LENGTH_STEP
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import carries_readings, tpdos
+from skinbus.objects.profile import number_at
 from skinbus.objects.readings import N_IDS, ReadingsPlan
 from skinbus.skin.addresses import BusAddress, find_places, shown
 from skinbus.skin.contact import CONTACT, UNKNOWN_LEVEL, Context, Records
@@ -102,6 +104,8 @@ class ListenCore(Core):
         plan = ReadingsPlan(arm, ods)
         self._silent_ns = np.full(arm.n_patches, (MAX_MISSED + 1) * round(1e9 / arm.bus.rate_hz))
         np.maximum.at(self._silent_ns, plan.pdo_patch, plan.pause_ns * plan.free)
+        lost_ms = [HEARTBEAT_FACTOR * number_at(od, cia.HEARTBEAT_PRODUCER) or np.inf for od in ods]
+        self._lost_ns = 1e6 * np.array(lost_ms)
         self._holds = plan.on_sync != plan.expected
         """Patches whose newest readings hold while they are sending: they run freely."""
         self._data_ids = plan.cob_ids_on
@@ -217,7 +221,8 @@ class ListenCore(Core):
         return records
 
     def _is_sending(self, now_ns: int) -> Mask:
-        return np.asarray((self._fresh_ns > 0) & (now_ns - self._fresh_ns <= self._silent_ns))
+        has_sent = (self._fresh_ns > 0) & (now_ns - self._fresh_ns <= self._silent_ns)
+        return has_sent & (now_ns - np.maximum(self._fresh_ns, self._heard_ns) <= self._lost_ns)
 
     def _request(self, now_ns: int, frames: Frames) -> list[Frame]:
         """Return what goes on of the transfers that the program asked for, one at a time."""
@@ -267,7 +272,7 @@ class ListenedReadings:
             self._baseline.zero(self._wanted.popleft())
         faults, arm = self._plausibility.faults, self._arm
         valid = fresh[arm.tactel_patch] & arm.tactel_healthy & np.isfinite(pressures) & (faults == 0)
-        return Readings.of(pressures, valid, faults)
+        return Readings(np.where(valid, pressures, 0.0), valid, faults.copy())
 
     def zero(self, patch: int | None) -> None:
         """Take what is read in the next cycle for zero, on one patch or all; from any thread."""

@@ -49,7 +49,7 @@ class CycleMaker:
             Context(self.layout, self.now_ns or (lambda: ended_ns), place),
             records,
             patches,
-            Readings.of(report.pressures, master.cycle.valid, master.cycle.plausibility.faults),
+            Readings(report.pressures, master.cycle.valid, master.cycle.plausibility.faults.copy()),
             budget_us=math.inf if report.budget_us is None else report.budget_us,
         )
 

@@ -181,8 +181,9 @@ def test_a_cycle_of_a_recording_that_a_change_began_has_its_time(tmp_path):
     assert began_ns == pytest.approx(live_ns[: len(began_ns)], abs=0.2 * MS)
 
 
-def test_a_listener_shows_what_a_quiet_patch_has_sent_until_its_timer_has_run_out(tmp_path):
-    rig = FreeRig(tmp_path, by_events(800), by_events(800), rate_hz=5.0)
+@pytest.mark.parametrize("event_ms", [0, 800])
+def test_a_listener_shows_what_a_quiet_patch_has_sent_until_timer_or_heartbeat_are_due(tmp_path, event_ms):
+    rig = FreeRig(tmp_path, by_events(event_ms), by_events(event_ms), rate_hz=5.0)
     feed = Feed(SkinLayout.of(rig.scene.arm), "a test")
     feed.now_ns = rig.wire.clock.now_ns
     rig.wire.attach(ListenCore(rig.scene.arm, 127, feed, readings=True))

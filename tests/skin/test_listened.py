@@ -81,7 +81,6 @@ def test_a_reading_that_is_not_used_is_not_valid(listening):
     heard, made = run(20)[-1], CycleMaker(rig.scene.arm).make(rig.master, rig.reports[-1])
     for readings in (heard.readings, made.readings):
         assert readings.valid.tolist() == [True] * 4 + [False] * 12
-        assert not readings.faults.any()
         assert np.isfinite(readings.pressures).all()
     assert Unrolled(rig.scene.arm, 80).render(heard).plain.count(LOST) == 12
 
