@@ -281,7 +281,7 @@ class _Fit:
         self._misfit_profile, self._weight = np.zeros(BINS), float(WEIGHTS[0])
         self.variance = np.full(len(self._p), (FIRST * peak) ** 2)
         self.outlier = np.zeros(len(s), np.bool_)
-        self._predict()
+        self._place()
 
     @property
     def kept(self) -> Bools:
@@ -293,20 +293,24 @@ class _Fit:
         """Reading minus model, row by row (Pa)."""
         return np.asarray(self._p - self.prediction)
 
-    def _predict(self) -> None:
-        """Follow the unknowns: readings that the model gives, row by row (Pa), and their slopes."""
-        gain, width, self._offset = self.tactels.values[self.tactels.owner].T
-        off_s, off_a, off_force = self.presses.values[self.presses.owner].T
+    def _place(self) -> None:
+        """Follow places and widths, then the other unknowns."""
+        off_s, off_a, _ = self.presses.values[self.presses.owner].T
         self.away = self._away + off_s + 1j * off_a
         self.d = np.abs(self.away)
+        self._width = np.exp(self.tactels.values[self.tactels.owner, 1])
+        self._basis, self._slopes = (_matrix(of, self.d / self._width) for of in (_PROFILES, _SLOPES))
+        self._predict()
+
+    def _predict(self) -> None:
+        """Follow the unknowns: readings that the model gives, row by row (Pa), and their slopes."""
+        gain, _, self._offset = self.tactels.values[self.tactels.owner].T
+        off_force = self.presses.values[self.presses.owner, 2]
         self.amplitude = np.exp(gain + self.exponent * self._log_force + off_force)
         """Gain of the tactel times effective force."""
-        at = self.d / np.exp(width)
-        self._basis = _matrix(_PROFILES, at)
         self.pressed = self.amplitude * (self._basis @ self.table)
         self.prediction = self.pressed + self._offset
-        slope = _matrix(_SLOPES, at) @ self.table
-        self._by_distance = self.amplitude * slope / (STEP * np.exp(width))
+        self._by_distance = self.amplitude * (self._slopes @ self.table) / (STEP * self._width)
 
     def improve(self, *, choose: bool, move: bool) -> None:
         """Take a step in the law, then in tactels and, to ``move`` them, in presses.
@@ -323,12 +327,12 @@ class _Fit:
         slopes = np.column_stack([self.pressed, -self.d * self._by_distance, np.ones(len(self._p))])
         common = self.tactels.step(slopes, self.residuals, self._trust, refine=choose)
         self.table = self.table * math.exp(common[0])
-        self._predict()
+        self._place()
         if move:
             towards = self._by_distance * self.away / np.maximum(np.abs(self.away), 1e-9)
             slopes = np.column_stack([towards.real, towards.imag, self.pressed])
             self.presses.step(slopes, self.residuals, self._trust, refine=choose)
-            self._predict()
+            self._place()
 
     def _fit_law(self, *, choose: bool) -> None:
         """Solve for table and exponent; ``choose`` takes the penalty of least cross-validation error."""
@@ -347,9 +351,8 @@ class _Fit:
             score = float(left @ left) / max(n_kept - float((inverse * normal).sum()), 1.0) ** 2
             if score < best:
                 best, self._weight, law, self._covariance = score, weight, found, inverse
-        self.table = law[:-1]
+        self._rows, self.table = rows, law[:-1]
         self.exponent = float(np.clip(self.exponent + np.clip(law[-1], -0.2, 0.2), 0.2, 2.0))
-        self._by_law = np.einsum("ri,ij,rj->r", rows, self._covariance, rows)
 
     def find_variances(self, left: Floats) -> None:
         """Split residuals (Pa) into noise, which does not depend on force and distance, and the misfit.
@@ -357,7 +360,8 @@ class _Fit:
         What the unknowns have taken up of them is added.
         """
         kept, amplitude, tactel = self.kept, self.amplitude, self.tactels.owner
-        taken_up = self._by_law + self.tactels.taken_up + self.presses.taken_up
+        by_law = np.einsum("ri,ij,rj->r", self._rows, self._covariance, self._rows)
+        taken_up = by_law + self.tactels.taken_up + self.presses.taken_up
         at = np.minimum(self.d / REACH * BINS, BINS - 1.0).astype(np.intp)
         sd = np.sqrt(self.variance + self._unmatched**2)
         square = np.minimum(left**2, (CLIP * sd) ** 2) / (1.0 - np.minimum(taken_up, MOST_LEVERAGE))
@@ -443,7 +447,9 @@ def _matrix(of: PPoly, d: Floats) -> Floats:
     Profiles are those of ``Radial.profile``, slopes theirs times the step of the table. The last point of the
     table is 0, as is all beyond it.
     """
-    return np.nan_to_num(of(d / STEP))[:, :-1]
+    matrix = of(d / STEP)
+    matrix[np.isnan(matrix[:, 0])] = 0.0
+    return matrix[:, :-1]
 
 
 def _unit_profiles() -> CubicHermiteSpline:
