@@ -175,7 +175,7 @@ class Baseline:
         dt = 0.0 if self._last_ns is None else 1e-9 * (t_ns - self._last_ns)
         self._last_ns, dt = t_ns, min(max(dt, 0.0), SETTLE_S)
         seen = flags[self._patch] & self._healthy & np.isfinite(pressures)
-        value = np.clip(np.where(seen, pressures, self._last), -self._most, self._most)
+        value = np.minimum(np.maximum(np.where(seen, pressures, self._last), -self._most), self._most)
         second = value - 2.0 * self._last + self._earlier
         self._earlier, self._last = np.where(seen, self._last, self._earlier), value
         new = seen & (self._n_free == 0)
@@ -223,7 +223,7 @@ class Baseline:
         limit = np.where(before, limit * self._ratio, np.maximum(limit, EXPLAINED * np.sqrt(w.doubt)))
         touched = np.where(seen & (above >= limit), np.where(before, HELD, TOUCHED), FREE)
         np.copyto(w.touched, touched, "unsafe", where=fresh[self._patch])
-        spoilt: Bools = np.any(self._near & self._on_patch(w.touched != FREE), axis=1)
+        spoilt: Bools = self._near @ self._on_patch(w.touched != FREE)
         self._learned_n[spoilt] = 0
         again = spoilt[self._patch] & ~self._zeroed
         w.zero[again], w.doubt[again] = self._centre[again], self._no_zero[again]
@@ -247,15 +247,14 @@ class Baseline:
         calm = resting & self._on_patch(seen) & ~self._on_patch(seen & ~explained)
         self._calm_n = np.where(fresh, (self._calm_n + 1) * calm, self._calm_n * resting)
         restless = resting & (self._calm_n < _cycles(dt))
-        released = resting & ~(self._near & restless).any(axis=1)
+        released = resting & ~(self._near @ restless)
         new = released[patch] & seen
         w.zero[new], w.doubt[new] = self._level[new], (w.variance * gain)[new]
         over = released | lost
         w.touched[over[patch]] = FREE
         self._quiet_s[over] = np.inf
-        quiet_s = np.where(self._near, self._quiet_s, np.inf).min(axis=1)
-        free = fresh & (quiet_s > 0.0)
-        learns = free & (dt > 0.0) & (quiet_s + 0.5 * dt > SETTLE_S)
+        free = fresh & ~(self._near @ (self._quiet_s <= 0.0))
+        learns = free & (dt > 0.0) & ~(self._near @ (resting & ~over))
         return learns, free & ~learns
 
     def _learn(self, at: Bools, dt: float) -> None:
@@ -270,7 +269,9 @@ class Baseline:
         # so the next reading is no longer too low, and it is followed
         w.doubt[falls] = e[falls] ** 2
         at = at & ~low
-        gain = np.minimum(w.doubt / (w.doubt + noise2), 1.0 / np.clip(self._n_free, 1, _cycles(dt)))
+        gain = np.minimum(
+            w.doubt / (w.doubt + noise2), 1.0 / np.minimum(np.maximum(self._n_free, 1), _cycles(dt))
+        )
         zero = w.zero + gain * np.minimum(e, most)
         doubt = np.maximum((1.0 - gain) ** 2 * w.doubt + gain**2 * noise2, dt / TAU_S * noise2)
         np.copyto(w.zero, np.clip(zero, self._centre - self._band, self._centre + self._band), where=at)

@@ -175,7 +175,7 @@ class Plausibility:
         chance = np.where(shows, np.log(np.maximum(same, self._most)), 0.0)
         begins = ~shows
         begins[self._first] = True
-        run = np.cumsum(begins)
+        run = begins.cumsum()
         is_old = shows & (np.bincount(run, chance * still)[run] < CHANCE)
 
         n_seen, is_top = self._by_patch(seen), seen & (pressures >= self._high)
@@ -193,9 +193,10 @@ class Plausibility:
         same = same + free * (comes_again - same) / np.maximum(n, 1.0)
 
         lone, (i,) = is_top & (was_lone > 0.0), np.nonzero(seen & ~is_full & (felt >= self._jump))
-        beside = np.where(self._is_next[:, i], felt[self._near[:, i]], 0.0).max(axis=0)
-        for k in i[leaps[i] | (beside < LONE * felt[i])].tolist():
-            lone[k] |= self._is_lone(k, felt) or (leaps[k] and self._is_lone(k, change))
+        if len(i):
+            beside = np.where(self._is_next[:, i], felt[self._near[:, i]], 0.0).max(axis=0)
+            for k in i[leaps[i] | (beside < LONE * felt[i])].tolist():
+                lone[k] |= self._is_lone(k, felt) or (leaps[k] and self._is_lone(k, change))
         jumps = jumps * (1.0 - dt / FORGET_S) + (lone & (was_lone == 0.0))
         is_wrong = lone | is_full | (pressures <= self._low)
         rail_s = np.where(is_wrong, rail_s + min(dt, WRONG_S / WRONG_TIMES), 0.0)
@@ -207,7 +208,7 @@ class Plausibility:
         np.copyto(self.faults, held | bad | BAND * baseline.felt.out, "unsafe", where=seen)
 
         is_touched = fresh & (self._by_patch(touched) > 0)
-        self._missed_at[1] = np.where(is_touched[patch], *self._missed_at[::-1])
+        np.copyto(self._missed_at[1], self._missed_at[0], where=~is_touched[patch])
         if is_touched.any():
             self._find_dead(seen & is_touched[patch] & ~is_full, felt)
         self.n_faulty[:] = self._by_patch(self.faults != 0)
