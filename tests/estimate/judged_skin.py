@@ -13,6 +13,8 @@ N = ARM.n_tactels
 PATCH = 5
 BOARD = ARM.tactels_of(PATCH)
 CORNER, EDGE, INNER = BOARD.start, BOARD.start + 1, BOARD.start + 5
+APART = np.array([1, 3, 5, 7, 17, 19, 21, 23])
+"""Boards with another one between them: what happens on one is not felt on the others."""
 PERIOD_NS = 20_000_000
 TRANSDUCER = ARM.patches[0].patch.transducer
 TOP = TRANSDUCER.top_counts * TRANSDUCER.step

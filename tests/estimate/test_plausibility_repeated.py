@@ -1,14 +1,16 @@
 """Readings that come again bit by bit are not those of a new sample; what may be chance is not claimed."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
 from skinbus.estimate import TactelFault
 from tests.estimate.false_alarms import touched
 from tests.estimate.judged_skin import (
+    APART,
     ARM,
     BOARD,
-    INNER,
     NO_TOUCH,
     PATCH,
     TOP,
@@ -18,10 +20,17 @@ from tests.estimate.judged_skin import (
     press,
     press_at,
 )
-from tests.marks import slow
 
 STEP = TRANSDUCER.resolution
-PRESS = press(ARM.tactel_s[INNER], ARM.tactel_a[INNER], 20.0)
+
+
+def press_inside(patch):
+    """Pa on every tactel of a press of 20 N on a tactel inside a board."""
+    inner = 16 * patch + 5
+    return press(ARM.tactel_s[inner], ARM.tactel_a[inner], 20.0)
+
+
+PRESS = press_inside(PATCH)
 
 
 class Frozen:
@@ -73,19 +82,19 @@ def test_board_that_froze_while_it_was_not_used_is_withheld_when_it_is_used_agai
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("noise", [0.15, 0.3, *slow(0.05, 0.6)])
-def test_noise_of_less_than_a_count_makes_no_false_alarm_although_more_is_declared(noise):
+def test_noise_of_less_than_a_count_makes_no_false_alarm_although_more_is_declared():
     """The touch moves the readings to other parts of a step, where they change less often."""
 
     def quiet(raw, now, rng):
-        at = where[int(now % 200 > 100)]
-        raw[BOARD] = np.rint(at + noise * rng.standard_normal(len(at))) * STEP
+        at = where + 40.0 * (now % 200 > 100)
+        raw[own] = np.rint(at + noise * rng.standard_normal(len(at))) * STEP
 
-    rng = np.random.default_rng(15)
-    n = BOARD.stop - BOARD.start
-    where = rng.uniform(-0.5, 0.5, n), 40.0 + rng.uniform(-0.5, 0.5, n)
+    own, noise = np.isin(ARM.tactel_patch, APART[:4]), np.repeat([0.05, 0.15, 0.3, 0.6], 16)
+    where = np.random.default_rng(15).uniform(-0.5, 0.5, 64)
     skin = Skin(15, quiet)
-    assert sum(withheld(skin, NO_TOUCH, 4000)) == 0
+    for _ in range(4000):
+        skin.read()
+        assert not skin.plausibility.is_withheld.any()
 
 
 def test_board_without_noise_that_is_tapped_at_a_steady_rate_is_not_withheld():
@@ -97,20 +106,23 @@ def test_board_without_noise_that_is_tapped_at_a_steady_rate_is_not_withheld():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("share", [0.1, 0.3, 0.9])
-def test_board_that_repeats_its_readings_now_and_then_is_withheld_whenever_it_does(share):
-    repeats = []
+def test_board_that_repeats_its_readings_now_and_then_is_withheld_whenever_it_does():
+    patches, shares = APART[:3], (0.1, 0.3, 0.9)
+    boards = [ARM.tactels_of(p) for p in patches]
 
     def repeat(raw, now, rng):
-        repeats.append(bool(now > 100 and rng.random() < share))
-        if repeats[-1]:
-            raw[BOARD] = kept[0]
-        kept[0] = raw[BOARD].copy()
+        again[:] = (rng.random(3) < shares) & (now > 100)
+        for k, board in enumerate(boards):
+            if again[k]:
+                raw[board] = kept[k]
+            kept[k] = raw[board]
 
-    kept = [np.zeros(BOARD.stop - BOARD.start)]
-    skin = Skin(23, repeat)
+    again, kept = np.zeros(3, np.bool_), np.zeros((3, 16))
+    skin, touch = Skin(23, repeat), sum(press_inside(p) for p in patches)
     skin.read(cycles=100)
-    assert withheld(skin, PRESS, 2000) == repeats[100:]
+    for _ in range(2000):
+        skin.read(touch)
+        assert np.flatnonzero(skin.plausibility.is_withheld).tolist() == patches[again].tolist()
 
 
 @pytest.mark.parametrize("rail", [-250.1e3, TOP])
@@ -126,36 +138,39 @@ def test_board_at_a_rail_is_withheld_at_once_and_named_within_half_a_second_and_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("length", [6, 19, 22, *slow(12, 24, 200)])
-@pytest.mark.parametrize("pause", [5, 100])
-def test_no_number_of_freezes_hides_the_next(length, pause):
-    skin = Skin(20)
+def test_no_number_of_freezes_hides_the_next():
+    """Half of a board each; of so many cycles, with so many between them."""
+    freezes = list(enumerate(product((6, 12, 19, 22, 24, 200), (5, 100))))
+    kept = np.zeros((len(freezes), 8))
+
+    def freeze(raw, now, rng):
+        for p, (length, pause) in freezes:
+            half, at = raw[16 * p :][:8], (now - 1500) % (length + pause)
+            if now >= 1500 and at < length:
+                kept[p] = kept[p] if at else half
+                half[:] = kept[p]
+
+    skin, touch = Skin(20, freeze), sum(press_inside(p) for p, _ in freezes)
     skin.read(cycles=1500)
-    half = slice(BOARD.start, BOARD.start + 8)
-    for _ in range(4 if pause > 5 else 40):
-        skin.mend = Frozen(skin.cycle, skin.cycle + length, half)
-        skin.read(PRESS)
-        for _ in range(length - 1):
-            assert np.isnan(skin.read(PRESS)[half]).all()
-        skin.read(PRESS, cycles=pause)
-    if length <= 12:
-        assert skin.faulty == []
+    for n in range(2000):
+        felt = skin.read(touch)
+        for p, (length, pause) in freezes:
+            assert np.isnan(felt[16 * p :][:8]).all() or not 0 < n % (length + pause) < length
+    assert not skin.plausibility.faults[: 4 * 16].any(), "of freezes of 6 and 12 cycles"
 
 
 @pytest.mark.parametrize("ramp", [np.linspace(0.1, 1.0, 6), np.linspace(1.0, 0.1, 6)], ids=["rises", "ends"])
 def test_tactel_that_stops_in_a_touch_is_missing_at_its_fourth_repetition(ramp):
-    n_used = []
-    for seed in range(50, 60):
+    for seed in (50, 51):
         skin = Skin(seed)
         skin.read(cycles=100)
-        tactel = int(BOARD.start + skin.rng.integers(16))
-        touch = press_at(tactel, skin.rng, 0.006)
+        tactels = 16 * APART + skin.rng.integers(16, size=len(APART))
+        touch = sum(press_at(tactel, skin.rng, 0.006) for tactel in tactels)
         skin.read(ramp[0] * touch, cycles=20)
-        skin.mend = Frozen(skin.cycle, 10**9, slice(tactel, tactel + 1))
+        skin.mend = Frozen(skin.cycle, 10**9, tactels)
         skin.read(ramp[0] * touch)
-        used = [bool(np.isfinite(skin.read(now * touch)[tactel])) for now in ramp[1:]]
-        n_used.append(sum(used))
-    assert max(n_used) <= 3
+        used = np.isfinite([skin.read(now * touch)[tactels] for now in ramp[1:]])
+        assert used.sum(axis=0).max() <= 3
 
 
 @pytest.mark.slow
