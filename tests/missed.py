@@ -14,7 +14,7 @@ MISSED = {
     f"{COARSE}[full]": "1 % are 3 mm off; less asked",
     "tests/estimate/test_plausibility.py::"
     "test_dead_tactel_is_named_within_ten_touches_of_its_neighbourhood[at an edge]": (
-        "19 of 20 are; 20 asked: with more looks in a cycle healthy tactels are named"
+        "23 of 24 are; 24 asked: with more looks in a cycle healthy tactels are named"
     ),
     **{
         f"tests/hard/test_catalogue.py::test_what_must_hold_holds[three in a row-{level}]": (
