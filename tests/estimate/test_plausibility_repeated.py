@@ -1,7 +1,5 @@
 """Readings that come again bit by bit are not those of a new sample; what may be chance is not claimed."""
 
-from itertools import product
-
 import numpy as np
 import pytest
 
@@ -34,16 +32,16 @@ PRESS = press_inside(PATCH)
 
 
 class Frozen:
-    """A board whose converter stops for some cycles."""
+    """A board whose converter stops for some cycles, once or again and again."""
 
-    def __init__(self, begin, end, tactels=BOARD):
-        self.begin, self.end, self.tactels = begin, end, tactels
-        self.kept = None
+    def __init__(self, begin, length, tactels=BOARD, every=10**9):
+        self.begin, self.length, self.tactels, self.every = begin, length, tactels, every
 
     def __call__(self, raw, now, rng):
-        if now == self.begin:
+        n = (now - self.begin) % self.every
+        if n == 0:
             self.kept = raw[self.tactels].copy()
-        if self.begin <= now < self.end:
+        if n < self.length and now >= self.begin:
             raw[self.tactels] = self.kept
 
 
@@ -59,7 +57,7 @@ def withheld(skin, touch, cycles):
 
 @pytest.mark.parametrize("touch", [NO_TOUCH, PRESS], ids=["free", "pressed"])
 def test_frozen_board_is_withheld_from_its_first_repetition_to_its_first_new_sample_and_named(touch):
-    skin = Skin(11, Frozen(150, 400))
+    skin = Skin(11, Frozen(150, 250))
     skin.read(cycles=100)
     assert not any(withheld(skin, touch, 51))
     assert all(withheld(skin, touch, 49))
@@ -72,7 +70,7 @@ def test_frozen_board_is_withheld_from_its_first_repetition_to_its_first_new_sam
 
 
 def test_board_that_froze_while_it_was_not_used_is_withheld_when_it_is_used_again():
-    skin = Skin(11, Frozen(150, 400))
+    skin = Skin(11, Frozen(150, 250))
     skin.read(cycles=140)
     skin.fresh[PATCH] = False
     skin.read(PRESS, cycles=20)
@@ -140,22 +138,15 @@ def test_board_at_a_rail_is_withheld_at_once_and_named_within_half_a_second_and_
 @pytest.mark.slow
 def test_no_number_of_freezes_hides_the_next():
     """Half of a board each; of so many cycles, with so many between them."""
-    freezes = list(enumerate(product((6, 12, 19, 22, 24, 200), (5, 100))))
-    kept = np.zeros((len(freezes), 8))
-
-    def freeze(raw, now, rng):
-        for p, (length, pause) in freezes:
-            half, at = raw[16 * p :][:8], (now - 1500) % (length + pause)
-            if now >= 1500 and at < length:
-                kept[p] = kept[p] if at else half
-                half[:] = kept[p]
-
-    skin, touch = Skin(20, freeze), sum(press_inside(p) for p, _ in freezes)
+    lengths = [(length, length + pause) for length in (6, 12, 19, 22, 24, 200) for pause in (5, 100)]
+    freezes = [Frozen(1500, n, slice(16 * p, 16 * p + 8), every) for p, (n, every) in enumerate(lengths)]
+    skin = Skin(20, lambda *now: [freeze(*now) for freeze in freezes])
+    touch = sum(press_inside(p) for p in range(len(freezes)))
     skin.read(cycles=1500)
     for n in range(2000):
         felt = skin.read(touch)
-        for p, (length, pause) in freezes:
-            assert np.isnan(felt[16 * p :][:8]).all() or not 0 < n % (length + pause) < length
+        for it in freezes:
+            assert np.isnan(felt[it.tactels]).all() or not 0 < n % it.every < it.length
     assert not skin.plausibility.faults[: 4 * 16].any(), "of freezes of 6 and 12 cycles"
 
 
