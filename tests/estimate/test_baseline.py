@@ -1,5 +1,7 @@
 """The baseline: follows what drifts, freezes what is touched, and zeroes no touch away."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -8,15 +10,15 @@ from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Surface
 from tests.marks import slow
 
 SIGMA = 200.0
-PERIOD_NS = 20_000_000
+PERIOD_NS, SLOW_NS = 20_000_000, 200_000_000
 
 
 def make_arm():
-    """Two patches that adjoin and one far away, on a plane."""
-    link = Link("plane", Surface.plane(0.6, 0.2))
-    places = [0.1, 0.151, 0.5]
+    """Two patches that adjoin and seven far away, on a plane."""
+    link = Link("plane", Surface.plane(2.0, 0.2))
+    places = [0.1, 0.151, *np.arange(0.5, 1.9, 0.2)]
     return Arm(
-        "three",
+        "boards",
         [link],
         [PlacedPatch(patch=Patch.default(), node_id=n + 1, link=0, s=s, a=0.0) for n, s in enumerate(places)],
     )
@@ -67,8 +69,8 @@ def test_offsets_are_gone_after_the_start(skin):
     skin.read(offset, seconds=0.6)
     # the mean of 25 readings: 40 Pa; five sigmas of that
     assert np.abs(skin.baseline.zeros - offset).max() < 200.0
-    skin.read(offset, seconds=60)
-    assert np.abs(skin.baseline.zeros - offset).max() < 30.0  # 3.7 Pa at the time constant of 30 s
+    skin.read(offset, seconds=60, period_ns=40_000_000)
+    assert np.abs(skin.baseline.zeros - offset).max() < 30.0  # 5 Pa at the time constant of 30 s
     assert not skin.baseline.suspect.any()
 
 
@@ -85,7 +87,7 @@ def test_touch_at_power_on_is_not_zeroed_away(skin):
     touch = press(0.1, 0.0, 8.0)
     first = skin.read(touch)
     assert np.abs(first - touch).max() < 6 * SIGMA  # seen from the first cycle on
-    out = skin.read(touch, seconds=60)
+    out = skin.read(touch, seconds=60, period_ns=SLOW_NS)
     assert np.abs(out - touch).max() < 6 * SIGMA
     suspect = skin.baseline.suspect
     assert suspect.any()
@@ -116,7 +118,7 @@ def test_start_below_the_zero_band_makes_no_zero_and_no_pressure_of_true_zeros_a
     assert np.abs(skin.baseline.zeros).max() < 200.0
 
 
-@pytest.mark.parametrize("moved", [slice(0, 16), *slow(slice(0, 48), slice(3, 4))])
+@pytest.mark.parametrize("moved", [slice(0, 16), slice(0, N), slice(3, 4)])
 def test_what_drift_explains_is_released_after_a_long_touch(skin, moved):
     """0.3 % of full scale in 80 s, of a board, of all boards, of one tactel: more than the release."""
     skin.read(seconds=5)
@@ -124,7 +126,7 @@ def test_what_drift_explains_is_released_after_a_long_touch(skin, moved):
     drift[moved] = 800.0
     touch = press(0.1, 0.0, 8.0) + np.where(np.arange(N) == 3, 3000.0, 0.0)
     for n in range(80):
-        skin.read(touch + drift * n / 80, seconds=1)
+        skin.read(touch + drift * n / 80, seconds=1, period_ns=SLOW_NS)
     assert skin.baseline.touched.any()
     skin.read(drift, seconds=5)
     assert not skin.baseline.touched.any()
@@ -133,12 +135,12 @@ def test_what_drift_explains_is_released_after_a_long_touch(skin, moved):
 
 
 def test_what_one_patch_of_a_touch_over_a_seam_feels_is_held_with_the_rest(skin):
-    """3 kPa for an hour: on its own drift would explain it, beside 20 kPa on the next patch it is a touch."""
+    """3 kPa for 20 minutes: alone drift would explain it, beside 20 kPa on the next patch it is a touch."""
     skin.read(seconds=5)
     touch = np.zeros(N)
     touch[5], touch[16 + 5] = 20e3, 3e3
     before = skin.baseline.zeros
-    for _ in range(360):
+    for _ in range(120):
         skin.read(touch, seconds=10, period_ns=1_000_000_000)
     assert skin.baseline.touched[16 + 5]
     assert np.array_equal(skin.baseline.zeros[:32], before[:32])
@@ -148,7 +150,7 @@ def test_what_one_patch_of_a_touch_over_a_seam_feels_is_held_with_the_rest(skin)
 def test_zero_that_drifts_out_of_its_band_takes_its_tactel_out(skin):
     skin.read(seconds=2)
     for n in range(700):
-        skin.read(np.where(np.arange(N) == 7, 5.0 * n, 0.0), seconds=1, period_ns=100_000_000)
+        skin.read(np.where(np.arange(N) == 7, 5.0 * n, 0.0), seconds=1, period_ns=SLOW_NS)
     assert np.flatnonzero(skin.baseline.felt.out).tolist() == [7]
     assert not skin.baseline.touched.any()
     skin.read(seconds=10)
@@ -156,10 +158,9 @@ def test_zero_that_drifts_out_of_its_band_takes_its_tactel_out(skin):
     assert abs(skin.baseline.zeros[7]) < SIGMA
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("has_started", [True, False])
 def test_patch_that_falls_silent_while_touched_holds_up_its_neighbour_for_a_time_only(skin, has_started):
-    touch, without_0 = np.where(ARM.tactel_patch == 0, 20e3, 0.0), np.array([False, True, True])
+    touch, without_0 = np.where(ARM.tactel_patch == 0, 20e3, 0.0), np.arange(ARM.n_patches) > 0
     drifted = np.where(ARM.tactel_patch == 1, 300.0, 0.0)
     if has_started:
         skin.read(seconds=2.0)
@@ -168,7 +169,7 @@ def test_patch_that_falls_silent_while_touched_holds_up_its_neighbour_for_a_time
     skin.read(drifted, seconds=0.8 * FORGET_S, fresh=without_0)
     beside = ARM.tactels_of(1)
     np.testing.assert_array_equal(skin.baseline.zeros[beside], zeros[beside], "it may be back any moment")
-    skin.read(drifted, seconds=120.0, fresh=without_0)
+    skin.read(drifted, seconds=120.0, period_ns=SLOW_NS, fresh=without_0)
     np.testing.assert_allclose(skin.baseline.zeros[beside], 300.0, atol=50.0)
     skin.read(touch + drifted, fresh=None)
     assert skin.baseline.touched[ARM.tactels_of(0)].all(), "back, and still touched"
@@ -189,19 +190,17 @@ def test_what_is_not_finite_or_of_a_clock_set_back_or_repeated_teaches_nothing(s
 
 
 @pytest.mark.parametrize("period_ns", [*slow(2_000_000), 20_000_000])
-@pytest.mark.parametrize("seconds", [0.1, 0.3, 0.6])
-@pytest.mark.parametrize("depth", [1400.0, 2500.0])
-def test_readings_that_fall_below_the_zero_and_come_back_are_no_touch(depth, seconds, period_ns):
+def test_readings_that_fall_below_the_zero_and_come_back_are_no_touch(period_ns):
     """As of a supply that dips: the zero may follow, and is not sure of it. Noise may add to what is left."""
     skin, touched = Skin(8), []
+    cases = np.repeat([*product([1400.0, 2500.0], [0.1, 0.3, 0.6])], 16, axis=0)
+    depth, seconds = np.pad(cases, ((48, 0), (0, 0))).T
     skin.read(seconds=3.0)
-    for _ in range(round(1e9 * seconds / period_ns)):
-        skin.read(-depth, period_ns=period_ns)
-    for _ in range(round(10e9 / period_ns)):
-        skin.read(period_ns=period_ns)
-        touched.append(skin.baseline.touched.any())
-    assert not any(touched[len(touched) // 5 :])
-    assert sum(touched) * period_ns < 20_000_000
+    for t in np.arange(0.0, 10.6, 1e-9 * period_ns):
+        skin.read(-depth * (t < seconds), period_ns=period_ns)
+        touched.append(skin.baseline.touched.reshape(-1, 16).any(axis=1))
+    assert not np.any(touched[len(touched) // 4 :])
+    assert (np.sum(touched, axis=0) * period_ns < 20_000_000).all()
     assert np.abs(skin.baseline.zeros).max() < 200.0
 
 
