@@ -26,26 +26,24 @@ def meet(estimators, speed, seed):
     arm = estimators[0].arm
     surface, law = arm.links[0].surface, arm.patches[0].patch.law
     rng, step = np.random.default_rng(seed), speed * 1e-9 * PERIOD_NS
-    s, a = 0.077 + rng.uniform(-0.01, 0.01, PAIRS), rng.uniform(-0.2, 0.2) + np.arange(PAIRS) * APART
-    lean, phase = rng.uniform(-0.15, 0.15, PAIRS), rng.uniform(-0.5, 0.5, PAIRS)
+    # s + ia, m
+    middle = 0.077 + rng.uniform(-0.01, 0.01, PAIRS) + 1j * (rng.uniform(0.0, 0.4) + np.arange(PAIRS) * APART)
+    ahead, phase = np.exp(-1j * rng.uniform(-0.15, 0.15, PAIRS)), rng.uniform(-0.5, 0.5, PAIRS)
     n_half = int(max(REACH, NEAR + APART_CYCLES * step) / step)
-    t_ns = PERIOD_NS * np.arange(-n_half, n_half + 1)
-    # (cycles, pairs, both)
-    along = ((t_ns[:, None] / PERIOD_NS + phase) * step)[..., None] * (1.0, -1.0)
-    aside = 0.5 * OFFSET * np.array([1.0, -1.0])
-    cos, sin = np.cos(lean)[:, None], np.sin(lean)[:, None]
-    s, a = s[:, None] + cos * along + sin * aside, surface.wrap(a[:, None] - sin * along + cos * aside)
+    cycles = np.arange(-n_half, n_half + 1)
+    way = ((cycles[:, None] + phase) * step + 0.5j * OFFSET) * ahead
+    places = np.stack([middle + way, middle - way], -1)
+    s, a = places.real, surface.wrap(places.imag)
     pressures = law.pressure(arm.distance(slice(None), s, a), 8.0).sum(axis=(1, 2))
     pressures += SIGMA * rng.standard_normal(pressures.shape)
     n_kept = []
     for estimator in estimators:
         tracker, seen = Tracker(arm), np.zeros(s.shape, np.int64)
-        for n, now in enumerate(t_ns.tolist()):
+        for n, now in enumerate((PERIOD_NS * cycles).tolist()):
             tracks = tracker.update(estimator.update(pressures[n], now), now)
-            row = np.flatnonzero(tracks.row >= 0)
-            d = surface.distance(tracks.s[row, None], tracks.a[row, None], s[n].ravel(), a[n].ravel())
-            row, d = row[d.min(axis=1) < FOUND], d[d.min(axis=1) < FOUND]
-            seen[n].flat[d.argmin(axis=1)] = tracks.identity[row]
+            d = surface.distance(tracks.s[:, None], tracks.a[:, None], s[n].ravel(), a[n].ravel())
+            is_seen = (tracks.row >= 0) & (d.min(axis=1) < FOUND)
+            seen[n].flat[d.argmin(axis=1)[is_seen]] = tracks.identity[is_seen]
         pairs = [pair[pair.all(axis=1)] for pair in seen.swapaxes(0, 1)]
         n_kept.append(sum(np.array_equal(pair[0], pair[-1]) for pair in pairs))
     return n_kept

@@ -27,27 +27,28 @@ class Touches:
         self.rng = rng
         self.gain = 1.0 + GAIN_SD * rng.standard_normal(N)
         self._law = Elastic().bind(Geometry.of(ARM, discs=True), INDENTERS)
-        self._loads = Loads(MOST)
 
     def touch(self):
         """Yield (n_tactels,) Pa, cycle by cycle, of a touch within 20 mm of random tactels."""
-        rng, loads = self.rng, self._loads
+        rng = self.rng
         n, cycles = rng.integers(1, MOST + 1), rng.integers(*PERIODS)
-        loads.n = n
         i = rng.integers(N, size=n)
         r, angle = 0.02 * np.sqrt(rng.random(n)), 2.0 * np.pi * rng.random(n)
-        s, a = ARM.tactel_s[i] + r * np.cos(angle), ARM.tactel_a[i] + r * np.sin(angle)
-        link = ARM.patch_link[ARM.tactel_patch[i]]
         kind = rng.integers(len(INDENTERS), size=n)
         there = rng.uniform(-0.01, 0.01, (2, n))
         force = 10.0 ** rng.uniform(-0.3, 1.5, (2, n))
-        loads.link[:n], loads.indenter[:n] = link, kind
-        loads.radius[:n] = [0.5 * INDENTERS[k].length for k in kind]
-        loads.yaw[:n] = rng.uniform(0.0, np.pi, n)
+        loads = Loads(
+            n,
+            link=ARM.tactel_link[i],
+            indenter=kind,
+            radius=[0.5 * INDENTERS[k].length for k in kind],
+            yaw=rng.uniform(0.0, np.pi, n),
+        )
+        s, a = ARM.tactel_s[i] + r * np.cos(angle), ARM.tactel_a[i] + r * np.sin(angle)
         for t in (np.arange(cycles) + 0.5) / cycles:
-            loads.s[:n], loads.a[:n] = s + t * there[0], a + t * there[1]
+            loads.s[:], loads.a[:] = s + t * there[0], a + t * there[1]
             rises = min(5.0 * t, 1.0, 5.0 * (1.0 - t))
-            loads.force[:n] = rises * ((1.0 - t) * force[0] + t * force[1])
+            loads.force[:] = rises * ((1.0 - t) * force[0] + t * force[1])
             clean = np.zeros(N)
             self._law.add(loads, clean)
             yield self.gain * clean

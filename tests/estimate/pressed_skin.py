@@ -70,11 +70,14 @@ class Presses:
         a, yaw = rng.uniform(-half, half), rng.uniform(0.0, np.pi)
         force = FORCES[self.name] * rng.uniform(0.5, 2.0) if force is None else force
         along = FINGERS if self.name == "four fingers" else np.zeros(1)
-        loads = Loads(len(along))
-        loads.n = len(along)
-        loads.s[:], loads.a[:] = s + np.cos(yaw) * along, a + np.sin(yaw) * along
-        loads.force[:], loads.yaw[:] = force, yaw
-        loads.radius[:] = 0.5 * INDENTERS[self.name].length
+        loads = Loads(
+            len(along),
+            s=s + np.cos(yaw) * along,
+            a=a + np.sin(yaw) * along,
+            force=force,
+            yaw=yaw,
+            radius=0.5 * INDENTERS[self.name].length,
+        )
         clean = np.zeros(self.arm.n_tactels)
         self._law.add(loads, clean)
         return (

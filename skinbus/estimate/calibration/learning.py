@@ -426,14 +426,13 @@ class _Fit:
         last = int(np.flatnonzero(np.abs(self.table) > TRIM * self.table[0]).max())
         at = np.linspace(0.0, min(max(STEP * (last + 2), MAP_REACH * has_map), REACH), POINTS)
         basis = _matrix(_PROFILES, at)
+        k = basis @ self.table
         unknown = np.einsum("ri,ij,rj->r", basis, self._covariance[:-1, :-1], basis)
         gain, width, _ = self.tactels.variance
-        unknown += (
-            gain * (basis @ self.table) ** 2 + width * (at / STEP * (_matrix(_SLOPES, at) @ self.table)) ** 2
-        )
+        unknown += gain * k**2 + width * (at / STEP * (_matrix(_SLOPES, at) @ self.table)) ** 2
         return Radial(
             float(at[1]),
-            (basis @ self.table) * (at < at[-1]) * to_newtons,
+            k * (at < at[-1]) * to_newtons,
             exponent=self.exponent,
             misfit=self.misfit,
             misfit_profile=np.sqrt(self._misfit_at(at) ** 2 + unknown) * to_newtons,

@@ -124,16 +124,9 @@ def swapped(table, rng):
     return replace(table, s=table.a, a=table.s)
 
 
-def slipped(lag):
-    """Readings some rows away from their places; the rows of a board are read in their order."""
-
-    def corrupt(table, rng):
-        order = np.arange(len(table))
-        for p in np.unique(table.patch):
-            order[table.patch == p] = np.roll(order[table.patch == p], lag)
-        return replace(table, pressures=table.pressures[order])
-
-    return corrupt
+def slipped(table, rng):
+    """Readings a row away from their places."""
+    return replace(table, pressures=np.roll(table.pressures, 1, axis=0))
 
 
 def boards_exchanged(table, rng):
@@ -191,11 +184,9 @@ CORRUPTIONS = {
     "boards turned by 6 degrees": moved(TILTED),
     "places 2 mm off": moved(STRAIGHT, (0.0, 2e-3)),
     "places 10 mm off": moved(STRAIGHT, (-8e-3, 6e-3)),
-    "readings a row late": slipped(1),
-    "readings two rows early": slipped(-2),
+    "readings a row late": slipped,
     "boards exchanged": boards_exchanged,
     "forces 10 times": forces(10.0),
-    "forces a thousandth": forces(1e-3),
     "forces of other rows": forces(1.0, 2),
     **{f"outliers of {what}": outliers(what) for what in ("place", "force", "readings")},
 }

@@ -108,11 +108,10 @@ def test_what_cannot_be_learned_from_is_refused(change, words):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [31, pytest.param(32, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("place_sd", [0.05e-3, 0.3e-3, 0.6e-3])
-def test_errors_of_place_are_not_learned_as_gains_widths_or_the_end_of_the_law(place_sd, seed):
+def test_errors_of_place_are_not_learned_as_gains_widths_or_the_end_of_the_law(place_sd):
     """Six boards, 40 presses each, of which all are said to err by 0.3 mm; forces err by 1 %."""
-    rng, law, force = np.random.default_rng([SEED, seed]), shipped_law(), 5.0
+    rng, law, force = np.random.default_rng([SEED, 31]), shipped_law(), 5.0
     patch, which = pad().patches[0].patch, np.repeat(np.arange(6), 40)
     boards = [PlacedPatch(patch=patch, node_id=1 + k, link=0, s=0.05 + 0.08 * k, a=0.0) for k in range(6)]
     arm = Arm("six", [Link("link", Surface.plane(0.55, 0.2))], boards)
@@ -128,7 +127,6 @@ def test_errors_of_place_are_not_learned_as_gains_widths_or_the_end_of_the_law(p
     foot = np.linspace(0.020, 0.028, 50)
     off = np.abs(learned.law.profile(foot) - law.profile(foot)).max() / law.table[0]
     left = float(np.std(learned.gain * gain))
-    print(place_sd, seed, "gains", left, "widths", np.std(learned.width), "foot", off)
     assert left < 0.025  # 5 % before; 3 to 4 % where each reading is taken to err on its own
     assert np.std(learned.width) < 0.012
     assert off < 2.0 * TRIM
