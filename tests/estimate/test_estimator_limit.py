@@ -46,7 +46,7 @@ def test_noise_makes_no_contact(told):
     estimator = Estimator(forearm, "kmeans")  # other levels begin with its contacts
     baseline = Baseline(forearm) if told else None
     rng = np.random.default_rng(7)
-    for n in range(5_000):
+    for n in range(2_000):
         pressures = 200.0 * rng.standard_normal(forearm.n_tactels)
         if baseline is not None:
             baseline.apply(pressures, 20_000_000 * (n + 1))

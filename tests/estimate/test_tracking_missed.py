@@ -126,5 +126,4 @@ def test_at_up_to_1_m_per_s_each_95_of_100_crossings_keep_their_identities(arm):
     # at 0.1 m/s, fit with the cone, it is 191 of 200: a touch is at a seam for longer, and badly placed there
     estimators = [Estimator(arm(), level) for level in ("fit", "full")]
     kept = [np.sum([meet(estimators, speed, seed) for seed in range(25)], axis=0) for speed in SPEEDS]
-    print(kept)
     assert (kept >= np.c_[[91, 95, 95, 95, 95]]).all()

@@ -217,7 +217,9 @@ class _Unknowns:
         self.values, self.taken_up = np.zeros((n, len(said))), 0.0 * ones
         """The unknowns, and what they take up of the variance of each reading, as a part of it."""
         self._said = self._sd = np.asarray(said, np.float64)
-        self.known = self.sum @ ones > 0.0
+        self.count = self.sum @ ones
+        """(n,) readings of each."""
+        self.known = self.count > 0.0
 
     def step(self, slopes: Floats, residuals: Floats, trust: Floats, *, refine: bool) -> Floats:
         """Take a Gauss-Newton step; return the mean of all (k,), which is taken off.
@@ -281,7 +283,7 @@ class _Fit:
         self._misfit_profile, self._weight = np.zeros(BINS), float(WEIGHTS[0])
         self.variance = np.full(len(self._p), (FIRST * peak) ** 2)
         self.outlier = np.zeros(len(s), np.bool_)
-        self._place()
+        self._predict()
 
     @property
     def kept(self) -> Bools:
@@ -293,24 +295,23 @@ class _Fit:
         """Reading minus model, row by row (Pa)."""
         return np.asarray(self._p - self.prediction)
 
-    def _place(self) -> None:
-        """Follow places and widths, then the other unknowns."""
-        off_s, off_a, _ = self.presses.values[self.presses.owner].T
-        self.away = self._away + off_s + 1j * off_a
-        self.d = np.abs(self.away)
-        self._width = np.exp(self.tactels.values[self.tactels.owner, 1])
-        self._basis, self._slopes = (_matrix(of, self.d / self._width) for of in (_PROFILES, _SLOPES))
-        self._predict()
+    def _predict(self, *, moved: bool = True) -> None:
+        """Follow the unknowns: readings that the model gives, row by row (Pa), and their slopes.
 
-    def _predict(self) -> None:
-        """Follow the unknowns: readings that the model gives, row by row (Pa), and their slopes."""
-        gain, _, self._offset = self.tactels.values[self.tactels.owner].T
-        off_force = self.presses.values[self.presses.owner, 2]
+        ``moved``: places or widths may have changed.
+        """
+        gain, width, self._offset = self.tactels.values[self.tactels.owner].T
+        off_s, off_a, off_force = self.presses.values[self.presses.owner].T
+        if moved:
+            self.away = self._away + off_s + 1j * off_a
+            self.d = np.abs(self.away)
+            at = self.d / np.exp(width)
+            self._basis, self._slopes = _matrix(_PROFILES, at), _matrix(_SLOPES, at)
         self.amplitude = np.exp(gain + self.exponent * self._log_force + off_force)
         """Gain of the tactel times effective force."""
         self.pressed = self.amplitude * (self._basis @ self.table)
         self.prediction = self.pressed + self._offset
-        self._by_distance = self.amplitude * (self._slopes @ self.table) / (STEP * self._width)
+        self._by_distance = self.amplitude * (self._slopes @ self.table) / (STEP * np.exp(width))
 
     def improve(self, *, choose: bool, move: bool) -> None:
         """Take a step in the law, then in tactels and, to ``move`` them, in presses.
@@ -323,16 +324,16 @@ class _Fit:
             off = np.abs(self.residuals) / np.sqrt(variance) if self.table.any() else 0.0 * self._p
             self._trust = self.kept * np.minimum(1.0, HUBER / np.maximum(off, HUBER)) / variance
         self._fit_law(choose=choose)
-        self._predict()
+        self._predict(moved=False)
         slopes = np.column_stack([self.pressed, -self.d * self._by_distance, np.ones(len(self._p))])
         common = self.tactels.step(slopes, self.residuals, self._trust, refine=choose)
         self.table = self.table * math.exp(common[0])
-        self._place()
+        self._predict()
         if move:
             towards = self._by_distance * self.away / np.maximum(np.abs(self.away), 1e-9)
             slopes = np.column_stack([towards.real, towards.imag, self.pressed])
             self.presses.step(slopes, self.residuals, self._trust, refine=choose)
-            self._place()
+            self._predict()
 
     def _fit_law(self, *, choose: bool) -> None:
         """Solve for table and exponent; ``choose`` takes the penalty of least cross-validation error."""
@@ -393,7 +394,7 @@ class _Fit:
     def find_outliers(self) -> None:
         """Leave out the presses whose residuals deviate far more than those of the others."""
         z2 = self.residuals**2 / (self.variance + self._unmatched**2)
-        score = np.sqrt(self.presses.sum @ z2 / np.maximum(self.presses.sum @ np.ones(len(z2)), 1.0))
+        score = np.sqrt(self.presses.sum @ z2 / np.maximum(self.presses.count, 1.0))
         seen = score[self.presses.known]
         worst = np.quantile(seen, 1.0 - OUTLIER_SHARE)
         self.outlier = score > max(OUTLIER * np.median(seen), OUTLIER, worst)

@@ -36,7 +36,6 @@ SEED = 20261123
 def test_no_corruption_is_accepted_with_an_error(name):
     n_boards = 2 if name == "boards exchanged" else 1
     judgement, words = outcome([SEED, 1, list(CORRUPTIONS).index(name)], CORRUPTIONS[name], n_boards)
-    print(judgement.faults)
     assert not words.startswith("WRONG"), words
 
 
@@ -109,7 +108,6 @@ def test_the_error_to_expect_is_that_of_the_law_with_its_map():
         found = estimator.update(row, k)
         off.append(np.hypot(found.s[0] - s[k], found.a[0] - a[k]))
     true = np.quantile(off, 0.68)
-    print(true, judgement.place_error)
     assert 0.7 * true < judgement.place_error < 1.4 * true
 
 
