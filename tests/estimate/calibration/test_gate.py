@@ -35,7 +35,7 @@ SEED = 20261123
 )
 def test_no_corruption_is_accepted_with_an_error(name):
     n_boards = 2 if name == "boards exchanged" else 1
-    judgement, words = outcome([SEED, 1, list(CORRUPTIONS).index(name)], CORRUPTIONS[name], n_boards)
+    _, words = outcome([SEED, 1, list(CORRUPTIONS).index(name)], CORRUPTIONS[name], n_boards)
     assert not words.startswith("WRONG"), words
 
 
