@@ -255,7 +255,7 @@ class VirtualBus:
             fast = self.data_bitrate if frame.flags & BRS else self.bitrate
             duration_ns = worst_case_bits(len(frame.data)).ns(self.bitrate, fast)
             return duration_ns - self._ns_of_bits[INTERFRAME_BITS], duration_ns
-        bits = classic_bits(frame)
+        bits = classic_bits(frame.can_id, frame.data, frame.flags)
         return self._ns_of_bits[bits - INTERFRAME_BITS], self._ns_of_bits[bits]
 
     def _drop_waiting(self, port: Port) -> None:

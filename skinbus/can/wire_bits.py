@@ -7,6 +7,7 @@ Source: ISO 11898-1:2015, 10.4 and 10.5. Frames of CAN FD are taken to be as lon
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 
 from skinbus.can.classic import (
     CRC_BITS,
@@ -56,12 +57,12 @@ def frame_bits(frame: Frame) -> int:
     """
     if found := fault(frame):
         raise ValueError(f"{found}: {frame}")
-    return classic_bits(frame)
+    return classic_bits(frame.can_id, frame.data, frame.flags)
 
 
-def classic_bits(frame: Frame) -> int:
+@lru_cache(maxsize=4096)  # most frames of a skin repeat an earlier one
+def classic_bits(can_id: int, data: bytes, flags: int) -> int:
     """The same as ``frame_bits`` for a frame already known to be a classic one."""
-    can_id, data, _, flags, _ = frame
     control = (0x40 if flags & RTR else 0) | len(data)
     body = b"" if flags & RTR else data
     # The header as one number, first bit uppermost; start of frame is a zero.

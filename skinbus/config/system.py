@@ -28,11 +28,11 @@ from skinbus.objects.pdo import carries_readings, readings_in, tpdos
 from skinbus.objects.profile import (
     GUARD_STATE,
     HEALTHY_TACTELS,
-    MASTER_NODE_ID,
     TACTEL_COUNT,
     current,
     look_up,
 )
+from skinbus.objects.published import master_tpdos
 from skinbus.objects.settings import Settings, freeze
 
 PLACEMENT_TOLERANCE = 1e-3
@@ -185,7 +185,7 @@ def _check_geometry(arm: Arm, faults: FaultList) -> None:
 
 def _check_pdos(arm: Arm, ods: Sequence[ObjectDictionary], faults: FaultList) -> None:
     """Add the faults of TPDOs; all readings of a board must be sent: one that is missing passes as zero."""
-    of_master = [pdo.cob_id for pdo in tpdos(load_eds("skin-master", MASTER_NODE_ID))]
+    of_master = [pdo.cob_id for pdo in master_tpdos()]
     seen = {(k, cob_id): "the master" for k in range(len(arm.buses)) for cob_id in of_master}
     for placed, od in zip(arm.patches, ods, strict=True):
         pdos = [pdo for pdo in tpdos(od) if pdo.valid]

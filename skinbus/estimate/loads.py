@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,7 @@ from skinbus.arrays import Bools, Floats
 from skinbus.estimate.baseline import Baseline, near_patches
 from skinbus.estimate.contacts import Contacts, Quality
 from skinbus.estimate.kernels.layout import SEAM, limit_of, step_of
-from skinbus.model import Arm
+from skinbus.model import Arm, Patch
 from skinbus.model.validation import check_arm, check_fresh
 
 REACH = 35e-3
@@ -238,22 +239,32 @@ def _pairs(arm: Arm, near: Bools, cell: Floats) -> list[Any]:
 
 def _cells(arm: Arm, p: int, near: Bools) -> tuple[Floats, Floats]:
     """Return the area that is nearest to each tactel of a board, m^2, and how far it reaches, m."""
-    placed, sizes = arm.patches[p], np.array([placed.patch.size for placed in arm.patches])
-    patch, step = placed.patch, placed.patch.pitch / FINENESS
-    sides = np.ceil((sizes[p] + SEAM) / (2.0 * step))
-    uv = np.stack(np.meshgrid(*(step * (np.arange(-n, n) + 0.5) for n in sides)), -1).reshape(-1, 2)
+    patch = arm.patches[p].patch
+    uv, d, nearest = _grid(patch)
     s, a = arm.on_link(p, uv)
-    # how far places are off boards along the farther axis
-    off = {
-        q: np.maximum(np.abs(arm.on_board(q, s, a)) - 0.5 * sizes[q], 0.0).max(axis=1)
-        for q in np.flatnonzero(near).tolist()
-    }
-    own = off.pop(p)
-    other = np.min([np.full(len(uv), np.inf), *off.values()], axis=0)
+    step = patch.pitch / FINENESS
+    own, weight = _off(arm, p, s, a), np.full(len(uv), step * step)
+    (rim,) = np.nonzero(own)
+    others = [_off(arm, q, s[rim], a[rim]) for q in np.flatnonzero(near).tolist() if q != p]
+    own, other = own[rim], np.min(others, axis=0, initial=np.inf)
     # of a seam a board has the nearer half, to the fraction of a step
-    seam = np.clip(0.5 + 0.5 * (other - own) / step, 0.0, 1.0) * (own + other <= SEAM)
-    d, nearest = cKDTree(patch.tactels_uv).query(uv)
-    weight, far = step * step * np.where(own == 0.0, 1.0, seam), np.zeros(patch.n_tactels)
+    weight[rim] *= np.clip(0.5 + 0.5 * (other - own) / step, 0.0, 1.0) * (own + other <= SEAM)
+    far = np.zeros(patch.n_tactels)
     np.maximum.at(far, nearest, np.where(weight > 0.0, d, 0.0))
     # one of two tactels in one place is nearest to nothing
     return np.maximum(np.bincount(nearest, weight, patch.n_tactels), 1e-12), far
+
+
+@lru_cache(maxsize=4)
+def _grid(patch: Patch) -> tuple[Any, Any, Any]:
+    """Return points on a board and the seam around it, (n, 2) m, how far each is from a tactel, and which."""
+    step = patch.pitch / FINENESS
+    sides = [math.ceil((side + SEAM) / (2.0 * step)) for side in patch.size]
+    uv = np.stack(np.meshgrid(*(step * (np.arange(-n, n) + 0.5) for n in sides)), -1).reshape(-1, 2)
+    return uv, *cKDTree(patch.tactels_uv).query(uv)
+
+
+def _off(arm: Arm, p: int, s: Floats, a: Floats) -> Floats:
+    """Return how far places are off a board along the farther axis, m."""
+    u, v = (np.abs(arm.on_board(p, s, a)) - 0.5 * np.array(arm.patches[p].patch.size)).T
+    return np.asarray(np.maximum(np.maximum(u, v), 0.0))

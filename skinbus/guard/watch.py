@@ -25,9 +25,9 @@ from skinbus.model import Arm
 from skinbus.model.guard import GuardSettings
 from skinbus.node.guard import TRIP
 from skinbus.objects import cia
-from skinbus.objects.eds import load_eds
 from skinbus.objects.guard import GFC_ID, GuardState, liveness_pdo
 from skinbus.objects.profile import ACKNOWLEDGE, GUARD_ACKNOWLEDGE, MASTER_NODE_ID, index_of, number_at
+from skinbus.objects.published import master_od
 
 SILENT = 2.5
 """Periods without a sign of life that are a stop: one frame may be lost, two may not. The half is for the
@@ -124,7 +124,7 @@ class Guard(Core):
             self._handlers[bus, liveness.cob_id if liveness else -1] = partial(self._take_state, patch)
             self._handlers[bus, cia.EMCY_BASE + node_id] = partial(self._take_emcy, patch)
             writes.append(patch.acknowledge)
-        period_ms = number_at(load_eds("skin-master", MASTER_NODE_ID), cia.HEARTBEAT_PRODUCER)
+        period_ms = number_at(master_od(), cia.HEARTBEAT_PRODUCER)
         for bus, named in enumerate(arm.buses):
             master = _Watched(f"master {named.name}".strip(), round(SILENT * 1e6 * period_ms), bus)
             self._watched.append(master)

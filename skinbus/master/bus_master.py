@@ -24,7 +24,7 @@ from skinbus.master.patches.table import Mask, PatchTable
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects import cia
-from skinbus.objects.eds import load_eds
+from skinbus.objects.published import master_od
 
 LATE_PERIODS = 6.25
 """Between the stop and the boot of a patch: one that is late by four of them is silent for ``GAP`` then. Not
@@ -60,7 +60,7 @@ class BusMaster:
         """Of all patches, those on the bus."""
         self.table = table = table.part(self.patches)
         plans = plans[self.patches]
-        self.device = Device(load_eds("skin-master", node_id), node_id)
+        self.device = Device(master_od(node_id), node_id)
         self.supervisor: PatchMonitor = (
             PatchMonitor(plans, table) if follows else Supervisor(plans, table, timeouts_of(arm), guarding)
         )

@@ -30,7 +30,7 @@ from skinbus.objects.contacts import (
     pack_contacts,
     pack_deviations,
 )
-from skinbus.objects.published import published
+from skinbus.objects.published import FIRST_CONTACT, FIRST_QUALITY, LOAD, SUMMARY
 
 AREA_STEP = 1e-6
 """m^2 per count of a touched area."""
@@ -84,11 +84,6 @@ class Publisher:
         self._nodes = [_Node(arm, k, device) for k, device in enumerate(devices)]
         self._records = self._nodes[0].records
         self._used: set[int] = set()
-        objects = published(devices[0].layout.od)
-        self._summary = objects.summary.number
-        pairs = zip(objects.contacts, objects.qualities, strict=True)
-        self._tpdos = [(contact.number, quality.number) for contact, quality in pairs]
-        self._load_tpdo = objects.load.number
         self._loads: Loads | None = None
 
     def contacts(self, now_ns: int, contacts: Contacts, tracks: Tracks) -> Ints:
@@ -120,13 +115,13 @@ class Publisher:
         """Send contacts, ended ones too, and the load on a bus: what was sent before may not have come."""
         device = self._nodes[bus].device
         self._send(device, sorted(self._used))
-        device.transmit_tpdo(self._load_tpdo)
+        device.transmit_tpdo(LOAD)
 
     def _send(self, device: Device, slots: Sequence[int]) -> None:
         """Send what the slots hold: contacts, and how sure they are where these TPDOs are enabled."""
         for slot in slots:
-            for number in self._tpdos[slot]:
-                device.transmit_tpdo(number)
+            for first in (FIRST_CONTACT, FIRST_QUALITY):
+                device.transmit_tpdo(first + slot)
 
     def summary(self, report: CycleReport, level_control: LevelControl, n_faulty: int) -> None:
         """Write the state of the cycle and send its TPDO; ``n_faulty`` tactels are not plausible."""
@@ -150,14 +145,14 @@ class Publisher:
         for node in self._nodes:
             node.cycle[0] = cycle
             node.cycle[0]["Patches alive"] = report.fresh[node.patches].sum()
-            node.device.transmit_tpdo(self._summary)
+            node.device.transmit_tpdo(SUMMARY)
 
     def loads(self, loads: Loads) -> None:
         """Write the loads of a cycle and send that of the arm, if its TPDO is enabled."""
         for node in self._nodes:
             if loads is not self._loads:  # those of a skin that nothing touches are written once
                 _write_loads(node, loads)
-            node.device.transmit_tpdo(self._load_tpdo)
+            node.device.transmit_tpdo(LOAD)
         self._loads = loads
 
     def patches(self, bus: int, now_ns: int, table: PatchTable) -> None:

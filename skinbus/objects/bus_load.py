@@ -9,9 +9,8 @@ from canopen.objectdictionary import ObjectDictionary
 from skinbus.can import classic, fd
 from skinbus.can.fd import CLASSIC_BYTES as CLASSIC_BYTES
 from skinbus.model import Arm, BusSettings
-from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import carries_readings, tpdos
-from skinbus.objects.profile import MASTER_NODE_ID
+from skinbus.objects.published import master_tpdos
 
 MAX_LOAD = 0.8
 """Share of the bus that cyclic traffic may take (docs/bus.md)."""
@@ -24,7 +23,7 @@ def cyclic_load(arm: Arm, ods: Sequence[ObjectDictionary], bus: int = 0) -> floa
     worst bit stuffing.
     """
     own = [pdo for od in ods[arm.patches_on(bus)] for pdo in tpdos(od) if carries_readings(pdo)]
-    own += [pdo for pdo in tpdos(load_eds("skin-master", MASTER_NODE_ID)) if pdo.valid]
+    own += [pdo for pdo in master_tpdos() if pdo.valid]
     lengths = [1, *(pdo.length for pdo in own)]
     return 1e-9 * sum(worst_ns(n, arm.buses[bus]) for n in lengths) * arm.buses[bus].rate_hz
 

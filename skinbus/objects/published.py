@@ -32,17 +32,24 @@ class Published(NamedTuple):
         return tuple(pdo.cob_id for pdo in self.contacts)
 
 
-def published(od: ObjectDictionary) -> Published:
-    """Return the TPDOs of a master with this dictionary."""
-    pdos = {pdo.number: pdo for pdo in tpdos(od)}
-    contacts, qualities = (
-        tuple(pdos[first + slot] for slot in range(profile.MAX_CONTACTS))
-        for first in (FIRST_CONTACT, FIRST_QUALITY)
-    )
-    return Published(pdos[SUMMARY], contacts, qualities, pdos[LOAD])
+@cache
+def master_od(node_id: int = profile.MASTER_NODE_ID) -> ObjectDictionary:
+    """Return the dictionary of a master, which all share: it is only read."""
+    return load_eds("skin-master", node_id)
+
+
+@cache
+def master_tpdos() -> list[PdoMap]:
+    """Return all TPDOs of a master with the usual node-ID, as its EDS has them."""
+    return tpdos(master_od())
 
 
 @cache
 def usual(node_id: int = profile.MASTER_NODE_ID) -> Published:
     """Return the TPDOs of a master as its EDS has them, with the usual node-ID or another."""
-    return published(load_eds("skin-master", node_id))
+    pdos = {pdo.number: pdo for pdo in tpdos(master_od(node_id))}
+    contacts, qualities = (
+        tuple(pdos[first + slot] for slot in range(profile.MAX_CONTACTS))
+        for first in (FIRST_CONTACT, FIRST_QUALITY)
+    )
+    return Published(pdos[SUMMARY], contacts, qualities, pdos[LOAD])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from typing import Any, NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary
@@ -12,12 +11,10 @@ from skinbus.can import fd as canfd
 from skinbus.can.classic import worst_case_bits
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.objects import cia
-from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import carries_readings, tpdos
-from skinbus.objects.profile import MASTER_NODE_ID, number_at
+from skinbus.objects.profile import number_at
+from skinbus.objects.published import master_od
 from skinbus.planning.schedule import SECOND, Message, Release
-
-MASTER_EDS = "skin-master"
 
 SDO_PATIENCE_NS = 100_000_000
 """An SDO frame may take this long: a third of a common time-out, the canopen package's 0.3 s."""
@@ -58,7 +55,7 @@ def traffic(
 
     ``data_bitrate`` is that of the data phase of CAN FD, for PDOs of more than 8 bytes.
     """
-    period, master = round(SECOND / rate_hz), _master()
+    period, master = round(SECOND / rate_hz), master_od()
     first = min(map(node_id_of, ods))
 
     messages = [
@@ -107,12 +104,6 @@ def _message(
         long = canfd.worst_case_bits(length)
         bits = {"bits": long.nominal, "data_bits": long.data, "data_bitrate": data_bitrate}
     return Message(name=name, cob_id=cob_id, period_ns=period_ns, **bits, **more)
-
-
-@cache
-def _master() -> ObjectDictionary:
-    """Return the dictionary of the master, which is only read here: a search asks for it many times."""
-    return load_eds(MASTER_EDS, MASTER_NODE_ID)
 
 
 def node_id_of(od: ObjectDictionary) -> int:

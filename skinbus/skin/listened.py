@@ -28,9 +28,9 @@ from skinbus.model import Arm
 from skinbus.node.sdo_client import SdoClient
 from skinbus.objects import cia, profile
 from skinbus.objects.contacts import FORCE_STEP, LENGTH_STEP
-from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import carries_readings, tpdos
 from skinbus.objects.profile import number_at
+from skinbus.objects.published import master_od
 from skinbus.objects.readings import N_IDS, ReadingsPlan
 from skinbus.skin.addresses import BusAddress, find_places, shown
 from skinbus.skin.contact import CONTACT, UNKNOWN_LEVEL, Context, Records
@@ -188,7 +188,7 @@ class ListenCore(Core):
         arm, name = self._arm, profile.COMMAND if patch is None else profile.PATCH_COMMAND
         bus, sub = (0, 0) if patch is None else (int(arm.patch_bus[patch]), int(arm.node_id[patch]))
         request = Request(bus, SdoClient(self._node_id), Event())
-        index = profile.index_of(load_eds("skin-master", self._node_id), name)[0]
+        index = profile.index_of(master_od(self._node_id), name)[0]
         request.client.start_write(index, sub, profile.ZERO.to_bytes(4, "little"))
         self.requests.append(request)
         if self.readings:

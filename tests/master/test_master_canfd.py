@@ -4,7 +4,7 @@ import pytest
 
 from skinbus.can.fd import worst_case_bits
 from skinbus.can.frame import BRS, FD
-from skinbus.can.wire_bits import classic_bits
+from skinbus.can.wire_bits import frame_bits
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import ConfigError
 from skinbus.objects.bus_load import cyclic_load
@@ -28,7 +28,7 @@ def test_a_cycle_is_one_frame_a_patch_and_finds_the_press(tmp_path, eds, n):
     assert contact == pytest.approx(PRESS_S, abs=2e-3)
     rates = arm.bus.bitrate, arm.bus.data_bitrate
     long = [worst_case_bits(len(frame.data)).ns(*rates) for frame in readings]
-    busy = sum(long) + sum(1000 * classic_bits(frame) for frame in frames if not frame.flags & FD)
+    busy = sum(long) + sum(1000 * frame_bits(frame) for frame in frames if not frame.flags & FD)
     assert busy / (1000 * MS) <= cyclic_load(arm, ods_of(arm)) + 0.01, "heartbeats beside the cycle"
 
 

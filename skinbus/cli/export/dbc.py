@@ -17,10 +17,9 @@ from skinbus.config.system import ods_of
 from skinbus.model import Arm
 from skinbus.objects import cia
 from skinbus.objects.contacts import ContactState
-from skinbus.objects.eds import load_eds
 from skinbus.objects.eds_values import REAL32, REAL64
 from skinbus.objects.pdo import PdoMap, tpdos
-from skinbus.objects.profile import MASTER_NODE_ID
+from skinbus.objects.published import master_od
 
 LINK_AND_STATE = "Link and state"
 """An object of two halves of a byte, see ``objects.contacts``."""
@@ -49,7 +48,7 @@ def dbc_of(arm: Arm, bus: int) -> str:
         pairs = zip(factors.tolist(), (-arm.tactel_offset[here] * factors).tolist(), strict=True)
         devices.append(Device(f"patch_{placed.node_id}", ods[p], dict(enumerate(pairs, 1))))
     links = [link.name for link in arm.links]
-    devices.append(Device("master", load_eds("skin-master", MASTER_NODE_ID), links=links))
+    devices.append(Device("master", master_od(), links=links))
     return dbc(devices, is_fd=arm.buses[bus].data_bitrate is not None)
 
 

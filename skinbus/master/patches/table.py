@@ -28,14 +28,11 @@ class PatchState(IntEnum):
     WRONG = 3
     """Another device than the arm file asks for, one that refuses its configuration, or two boards under one
     node-ID: never started; its readings are not used, whoever starts it."""
+    # from here on: was started and has not been booted anew since
     OPERATIONAL = 4
     """Sends readings."""
     SILENT = 5
     """Was operational; its heartbeat or its readings have stopped."""
-
-
-RUNNING = (PatchState.OPERATIONAL, PatchState.SILENT)
-"""States of a patch that was started and has not been booted anew since."""
 
 
 class PatchTable:
@@ -67,11 +64,11 @@ class PatchTable:
     @property
     def is_running(self) -> Mask:
         """Return which patches were started and have not been booted anew since, (n_patches,)."""
-        return np.isin(self.state, RUNNING)
+        return np.asarray(self.state >= PatchState.OPERATIONAL)
 
     def enter(self, p: int, state: PatchState) -> None:
         """Put patch p into a state."""
-        self.starts[p] += self.state[p] not in RUNNING and state in RUNNING
+        self.starts[p] += self.state[p] < PatchState.OPERATIONAL <= state
         self.state[p] = state
 
     def heartbeat(self, now_ns: int, p: int, state: int) -> None:
