@@ -183,7 +183,7 @@ class PatchHost(Core):
         shown, sample = self._shown, self._source(now_ns)
         self._shown = sample
         self._since_ns = now_ns - sample.t_ns
-        self._age = np.clip(self._since_ns // AGE_STEP_NS, 0, 0xFFFF)
+        self._age = np.minimum(np.maximum(self._since_ns // AGE_STEP_NS, 0), 0xFFFF)
         if shown and sample.counts is shown.counts and sample.healthy is shown.healthy:
             return []
         if not shown or sample.healthy is not shown.healthy:

@@ -1,5 +1,6 @@
 """Presses, random faults and ordinary work on guarded arms, for `python -m tests.bench.guard`."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -77,7 +78,7 @@ class Trials:
 
     def __init__(self, folder, name, rate_hz):
         arm = load_forearm(folder, [("rate_hz = 50.0", f"rate_hz = {rate_hz}"), *ARMS[name][1]])
-        self.whole, self.rng = Whole(arm).until_guarding(700), np.random.default_rng(1)
+        self.whole, self.rng = Whole(arm).until_guarding(100), np.random.default_rng(1)
         self.plans = plans(arm, {"kmeans": 0}, level="kmeans", response_ns=100_000)
         self.bound_ns = max(guard_bound(plan, arm.guard).frame_ns for plan in self.plans)
 
@@ -205,7 +206,10 @@ class Scene(Whole):
 def play_quiet(folder, seconds):
     """Return the samples of a scene that drifts, the largest as a share of its limit, and why it stopped."""
     arm = load_forearm(folder, [(f"pressure_kpa = {KPA}", f"pressure_kpa = {QUIET_KPA}")])
-    whole = Scene(arm, load_scene("cold-start-drift", arm=arm)).until_guarding(700)
+    scene = replace(
+        load_scene("cold-start-drift", arm=arm), seed=2
+    )  # soon guards: a tactel of seed 0 does not
+    whole = Scene(arm, scene).until_guarding()
     n = -sum(map(len, whole.scans))
     whole.run(1000 * seconds)
     return n + sum(map(len, whole.scans)), whole.nearest, whole.guard.reason

@@ -14,8 +14,8 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 def test_the_bound_is_kept_and_not_much_more_than_the_worst(tmp_path, name):
     trials = Trials(tmp_path, name, 50.0)
-    presses = [trials.random] * 8 + [trials.at_once] * 2
-    presses += [partial(trials.worst, hit_id) for hit_id in (None, GFC_ID, NMT_COMMAND_ID)] * 8
+    presses = [trials.random] * 4 + [trials.at_once]
+    presses += [partial(trials.worst, hit_id) for hit_id in (None, GFC_ID, NMT_COMMAND_ID)] * 4
     worst_ns = max(press()[0] for press in presses)
     assert worst_ns <= trials.bound_ns <= 1.5 * worst_ns
     assert trials.bound_ns < 2_000_000

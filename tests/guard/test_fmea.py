@@ -155,7 +155,7 @@ ELSEWHERE = {"a touch between boards, or on no skin", "a cover passes a force on
 
 @pytest.fixture
 def whole(tmp_path):
-    (tmp_path / "arm.toml").write_text(PLATE)
+    (tmp_path / "arm.toml").write_text(PLATE.replace("[arm]", "[arm]\nrate_hz = 10"))
     whole = Whole(load_arm(tmp_path / "arm.toml")).until_guarding()
     whole.run(700)  # and the master has heard of everybody
     return whole

@@ -75,6 +75,8 @@ class Whole:
         self.counts = np.zeros(self.arm.n_tactels, np.int32)
         self.healthy = np.ones(self.arm.n_tactels, np.bool_)
         self.age_ns, self.frozen_ns = 0, None
+        self.parts = [[np.zeros(0)] * 2 for _ in self.ods]
+        """What was read last of each board: counts, and whether they are healthy."""
         self.strangers = []
         self.again_ns, self.crossed_ns = 0, {}
         """When a board was first pressed beyond its limits while it guarded."""
@@ -124,9 +126,12 @@ class Whole:
 
     def newest(self, p, now_ns):
         self.scans[p].append(now_ns)
-        own = self.arm.tactels_of(p)
+        for k, column in enumerate((self.counts, self.healthy)):
+            if self.parts[p][k].base is not column:  # a host looks only at other arrays
+                self.parts[p][k] = column[self.arm.tactels_of(p)]
         t_ns = now_ns - self.age_ns if self.frozen_ns is None else self.frozen_ns
-        return Sample(self.counts[own], np.array([t_ns]), self.healthy[own])
+        counts, healthy = self.parts[p]
+        return Sample(counts, np.array([t_ns]), healthy)
 
     def run(self, ms):
         self.wires.run(self.now_ns + round(ms * MS))
