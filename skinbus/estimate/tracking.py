@@ -253,10 +253,11 @@ class Tracker:
         c = _usable(contacts)
         c["age_ns"] = np.broadcast_to(age_ns, flags.shape)[c["patch"]]
         dt = self._begin(t_ns, flags)
-        away = self._pair(c, t_ns)
-        for k in np.flatnonzero(self._tracks["row"] < 0).tolist():
-            self._miss(k, c, away[k], t_ns, flags)
-        self._take(c, dt, t_ns)
+        if len(self._tracks):
+            away = self._pair(c, t_ns)
+            for k in np.flatnonzero(self._tracks["row"] < 0).tolist():
+                self._miss(k, c, away[k], t_ns, flags)
+            self._take(c, dt, t_ns)
         self._spawn(c, t_ns)
 
         w, contact_row = self._tracks, np.full(len(contacts), -1, np.int64)

@@ -7,10 +7,11 @@ import pytest
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from tests.bus.cores import Repeater
-from tests.marks import slow
 from tests.master.full_queue import FullQueue
 from tests.master.misbehaving_rig import booted
 from tests.master.rig import MS
+
+pytestmark = pytest.mark.slow
 
 BACK_MS = 1000
 
@@ -22,9 +23,13 @@ def assert_back(rig):
     assert not rig.violations
 
 
-@pytest.mark.parametrize("stuck_ms", [300, *slow(70, 6000)])
-@pytest.mark.parametrize("room", [10, *slow(0, 200)])
-@pytest.mark.parametrize("reports", [True, *slow(False)])
+@pytest.mark.parametrize(
+    ("room", "stuck_ms", "reports"),
+    [
+        *((10, 300, True), (0, 70, True), (200, 6000, True)),
+        *((10, 70, False), (0, 6000, False), (200, 300, False)),
+    ],
+)
 def test_after_syncs_that_a_full_queue_discarded_or_sent_late(room, stuck_ms, reports):
     rig = booted("pad")
     queue = FullQueue(rig.master, room, reports=reports)
@@ -38,7 +43,6 @@ def answers_from(now, begins_ns, node_id, tpdo):
     return 0 if node_id % 2 or now() >= begins_ns else None
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("times", "absent_ms"), [(1, 0), (1, 250), (3, 130)])
 def test_after_an_interface_that_went_and_patches_that_come_back_later(absent_ms, times):
     rig = booted("forearm")
@@ -53,8 +57,7 @@ def test_after_an_interface_that_went_and_patches_that_come_back_later(absent_ms
     assert_back(rig)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("phase_ms", [9, *slow(0, 3, 17)])
+@pytest.mark.parametrize("phase_ms", [0, 9, 17])
 def test_after_a_node_that_babbled_under_the_identifier_of_a_patch(phase_ms):
     rig = booted("pad")
     rig.run(20 + phase_ms)
