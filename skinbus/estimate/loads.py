@@ -264,7 +264,7 @@ def _grid(patch: Patch) -> tuple[Any, Any, Any]:
     return uv, *cKDTree(patch.tactels_uv).query(uv)
 
 
-def _off(arm: Arm, p: int, s: Floats, a: Floats) -> Floats:
+def _off(arm: Arm, p: int, s: Floats, a: Floats) -> Any:
     """Return how far places are off a board along the farther axis, m."""
     u, v = (np.abs(arm.on_board(p, s, a)) - 0.5 * np.array(arm.patches[p].patch.size)).T
-    return np.asarray(np.maximum(np.maximum(u, v), 0.0))
+    return np.maximum(np.maximum(u, v), 0.0)

@@ -21,8 +21,6 @@ class Published(NamedTuple):
     summary: PdoMap
     contacts: tuple[PdoMap, ...]
     """By slot of the contact."""
-    qualities: tuple[PdoMap, ...]
-    """How sure a contact is, by slot; the EDS has them disabled."""
     load: PdoMap
     """That of the arm; the EDS has it disabled."""
 
@@ -48,8 +46,5 @@ def master_tpdos() -> list[PdoMap]:
 def usual(node_id: int = profile.MASTER_NODE_ID) -> Published:
     """Return the TPDOs of a master as its EDS has them, with the usual node-ID or another."""
     pdos = {pdo.number: pdo for pdo in tpdos(master_od(node_id))}
-    contacts, qualities = (
-        tuple(pdos[first + slot] for slot in range(profile.MAX_CONTACTS))
-        for first in (FIRST_CONTACT, FIRST_QUALITY)
-    )
-    return Published(pdos[SUMMARY], contacts, qualities, pdos[LOAD])
+    contacts = tuple(pdos[FIRST_CONTACT + slot] for slot in range(profile.MAX_CONTACTS))
+    return Published(pdos[SUMMARY], contacts, pdos[LOAD])

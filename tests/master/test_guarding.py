@@ -22,6 +22,7 @@ OFFSETS = {16: rng.integers(-400, 400, 16).tolist(), 8: rng.integers(-3, 3, 16).
 ARM = f"""
 [arm]
 name = "guarded"
+rate_hz = 20
 [[link]]
 name = "plate"
 surface = "plane"
@@ -145,7 +146,7 @@ def test_a_tactel_at_full_scale_is_beyond_a_limit_of_force(tmp_path):
 @pytest.fixture
 def rig(tmp_path):
     put(tmp_path, "arm.toml", ARM)
-    return Rig(put(tmp_path, "scene.toml", SCENE))
+    return Rig(put(tmp_path, "scene.toml", SCENE), level="kmeans")
 
 
 def held(rig, node_id):

@@ -62,7 +62,7 @@ def test_a_recording_gives_the_very_contacts_that_the_master_published(scene):
     # cycles, and a recording has that of the SYNCs on the wire.
     # kmeans: a fit weighs by the age of zeros, which a SYNC's time on the wire changes in the last bit.
     rig = Rig(scene, level="kmeans")
-    _, _, frames = rig.run(2000)
+    _, _, frames = rig.run(1500)
     published = contacts_in(frames)
     assert published
     again = Again(rig.scene.arm, recorded(frames), level="kmeans")
