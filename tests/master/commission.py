@@ -29,9 +29,10 @@ class Bench:
         self.pass_ms(10)
 
     def start(self, **settings):
-        """Start a master of the arm "pad", whose events and cycles are kept; return it."""
+        """Start a master of the arm "pad" at 20 Hz, whose events and cycles are kept; return it."""
         self.events, self.reports = [], []
-        master = Master(load_arm("pad"), **{"on_cycle": self.reports.append, **settings})
+        usual = {"level": "kmeans", "on_cycle": self.reports.append}
+        master = Master(load_arm("pad").with_rate(20.0), **usual | settings)
         self.wire.attach(master, on_event=self.events.append)
         return master
 

@@ -32,7 +32,7 @@ def wake(rig):
     rig.wire.wake(rig.wire.ports[0])
 
 
-def assert_all_well(rig, n_patches=24):
+def assert_all_well(rig, n_patches=2):
     """Everybody is operational and fresh, and no error is left."""
     assert last(rig).n_fresh == n_patches
     assert rig.state(NODE) == STATES.OPERATIONAL

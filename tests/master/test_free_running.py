@@ -11,6 +11,8 @@ from skinbus.skin.listened import ListenCore
 from tests.files import put
 from tests.master.rig import MS, Rig
 
+pytestmark = pytest.mark.slow
+
 ARM = """
 [arm]
 name = "free"
@@ -141,7 +143,6 @@ def test_patch_with_a_timer_of_its_own_is_used_with_the_age_of_its_frames(tmp_pa
     assert period == pytest.approx(47, abs=2)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("event_ms", "on_change"), [(40, False), (40, True), (0, True)])
 def test_patch_that_is_gone_is_not_used_and_is_again_when_it_is_back(tmp_path, event_ms, on_change):
     rig = FreeRig(tmp_path, by_events(event_ms, on_change=on_change), "{}")
@@ -152,7 +153,7 @@ def test_patch_that_is_gone_is_not_used_and_is_again_when_it_is_back(tmp_path, e
     assert {(*cycle.fresh,) for cycle in rig.run_to(4.5)} == {(False, True)}
     assert not rig.master.table.is_running[0]
     rig.patches.unplugged = set()
-    rig.run_to(9.0)
+    rig.run_to(7.0)
     assert rig.reports[-1].fresh.tolist() == [True, True]
 
 

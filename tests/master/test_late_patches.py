@@ -9,6 +9,8 @@ from tests.files import put
 from tests.master.misbehaving import Tool
 from tests.master.misbehaving_rig import booted
 
+pytestmark = pytest.mark.slow
+
 LINK = '[arm]\nname = "three"\nrate_hz = 50.0\n[[link]]\nname = "plate"\nsurface = "plane"\n'
 LINK += "length_mm = 180.0\nwidth_mm = 60.0\n"
 PATCH = '[[patch]]\nnode_id = {}\nlink = "plate"\ns_mm = {}\n'
@@ -33,7 +35,6 @@ def longest_periods(rig, n):
     return np.diff([cycle.t_ns for cycle in rig.reports[n:]]).max() / rig.period_ns
 
 
-@pytest.mark.slow
 def test_a_lost_frame_costs_the_other_patches_no_cycle(rig):
     lose_one(rig)
     n = len(rig.reports)
@@ -45,7 +46,6 @@ def test_a_lost_frame_costs_the_other_patches_no_cycle(rig):
     assert not rig.violations
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("periods", [1.05, 3.2])
 def test_a_patch_that_is_late_is_tried_again_with_growing_pauses_and_never_used(rig, periods):
     rig.patches.delay = lambda node_id, tpdo: periods * rig.period_ns if node_id == MIDDLE else 0

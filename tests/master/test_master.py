@@ -5,10 +5,19 @@ import pytest
 
 from skinbus.objects.contacts import LENGTH_STEP, PAYLOAD, ContactState
 from tests.master.buses_rig import CONTACT_IDS
+from tests.master.rig import Rig
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def forearm():
+    rig = Rig("forearm")
+    rig.run(1500)
+    return rig
 
 
 def test_contact_of_a_touch_is_on_the_bus_as_its_tpdo_and_record_say(forearm):
-    forearm.run(1500)
     cycles, _, frames = forearm.run(200)
     payload = next(f.data for f in reversed(frames) if f.can_id == CONTACT_IDS[0])
     c = np.frombuffer(payload, PAYLOAD)[0]
@@ -27,9 +36,7 @@ def test_contact_of_a_touch_is_on_the_bus_as_its_tpdo_and_record_say(forearm):
     assert abs(x - get(0x3001, 25)) < 1e-6
 
 
-@pytest.mark.slow
 def test_contact_of_an_unplugged_patch_coasts_says_so_and_is_the_same_when_it_is_back(forearm):
-    forearm.run(1500)
     node_id = int(forearm.scene.arm.node_id[forearm.reports[-1].contacts.patch[0]])
     before = forearm.reports[-1].ids.tolist()
     get = forearm.master.device.get

@@ -11,6 +11,8 @@ from tests.files import put
 from tests.master.buses_rig import contacts_in
 from tests.master.restarting import SCENE, Restarts
 
+pytestmark = pytest.mark.slow
+
 
 def shown(report):
     """Contacts by identity: number, slot, force (N)."""
@@ -57,7 +59,6 @@ def story(tmp_path_factory):
     return Story(Restarts(scene, level="fit", zero_at_start=True))
 
 
-@pytest.mark.slow
 def test_killed_in_a_press_it_comes_back_with_the_same_contacts_and_forces(story):
     old, new = shown(story.before[-1]), shown(story.after[-1])
     assert len(old) == 2
@@ -70,7 +71,6 @@ def test_killed_in_a_press_it_comes_back_with_the_same_contacts_and_forces(story
         assert now[identity] == pytest.approx(was[identity], abs=3.0 * per_zero + 0.02)
 
 
-@pytest.mark.slow
 def test_a_contact_that_ended_while_no_master_ran_is_published_as_it_was_and_lifted(story):
     said = [struct.unpack("<BBh", data[:4]) for can_id, data in contacts_in(story.frames) if can_id == 0x683]
     assert said == [(3, TrackState.COAST << 4, 450)] * 2 + [(3, TrackState.LIFT << 4, 450)]
@@ -92,7 +92,6 @@ def test_another_board_or_calibration_begins_anew(story):
     assert (found.n_zeros, len(found.strangers)) == (0, 1)
 
 
-@pytest.mark.slow
 def test_a_board_that_was_replaced_while_no_master_ran_has_no_zero_of_the_one_before(story):
     tables = story.copy()
     tables["patches"]["/1"]["serial"] = [11] * 16

@@ -5,13 +5,20 @@ import pytest
 from skinbus.config.system import ods_of
 from skinbus.master.network import MISSING
 from skinbus.objects import cia
+from tests.master.rig import Rig
 from tests.master.sdo_reads import MASTER, number
 
 pytestmark = pytest.mark.slow
 
 
+@pytest.fixture(scope="module")
+def forearm():
+    rig = Rig("forearm", level="kmeans")
+    rig.run(500)
+    return rig
+
+
 def test_expected_identities_and_watches_are_those_of_the_arm_file(forearm):
-    forearm.run(200)
     master = forearm.master
     for od in ods_of(forearm.scene.arm)[:3]:
         node = od.node_id
@@ -27,12 +34,11 @@ def test_expected_identities_and_watches_are_those_of_the_arm_file(forearm):
 
 
 def test_nmt_states_are_live(forearm):
-    forearm.run(500)
     assert number(forearm.master, cia.REQUEST_NMT, 5) == cia.NmtState.OPERATIONAL
     assert number(forearm.master, cia.REQUEST_NMT, MASTER) == cia.NmtState.OPERATIONAL
     assert number(forearm.master, cia.REQUEST_NMT, 60) == 0
     forearm.patches.unplugged = {5}
-    forearm.run(5000)
+    forearm.run(3500)
     assert number(forearm.master, cia.REQUEST_NMT, 5) == MISSING
     device = forearm.device(7)
     device.set(cia.IDENTITY, cia.IDENTITY_PRODUCT, 0xBAD)

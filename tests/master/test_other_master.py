@@ -16,6 +16,8 @@ from tests.master.faults_rig import emcy
 from tests.master.misbehaving_rig import OTHER_SYNC
 from tests.master.rig import MS, Rig
 
+pytestmark = pytest.mark.slow
+
 SYNC = 0x080
 ARM = load_arm("pad")
 
@@ -49,7 +51,6 @@ STARTS = st.integers(0, 4 * 65).map(lambda k: k * 500) | st.integers(0, 130_000)
 NUMBERS = st.integers(0, 0xFFFF_FFFF)
 
 
-@pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(
     STARTS, st.lists(NUMBERS, min_size=2, max_size=3, unique=True), st.booleans(), st.sampled_from([127, 126])
@@ -87,7 +88,6 @@ def test_of_masters_that_start_together_one_runs(later_us, numbers, has_patch, o
         assert (master.last_frames(bench.wire.now_ns) == []) == (k != winner)
 
 
-@pytest.mark.slow
 def test_of_two_masters_that_run_when_their_buses_are_joined_one_goes_on():
     masters = [Master(ARM, number=number, level="kmeans") for number in (7, 3)]
     bench = Bench(patch(1))

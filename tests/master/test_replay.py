@@ -10,6 +10,8 @@ from skinbus.master.replay import Replay
 from tests.master.buses_rig import ON_LEFT, ON_RIGHT, ON_SEAM, BusesRig, contacts_in, write_scene
 from tests.master.rig import MS, Rig
 
+pytestmark = pytest.mark.slow
+
 S = 1000 * MS
 
 
@@ -55,7 +57,6 @@ def pad():
     return rig
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["forearm", "noisy-bus", "dying-patch"])
 def test_a_recording_gives_the_very_contacts_that_the_master_published(scene):
     # Not "everything", where ghosts come and go: which track one continues may hang on the time between two
@@ -97,7 +98,6 @@ def test_contacts_on_two_buses_are_made_again_from_one_recording(tmp_path):
         assert contacts_in([frame for frame in sent if frame.bus == bus]) == contacts_in(frames)
 
 
-@pytest.mark.slow
 def test_time_never_goes_back_and_a_clock_that_was_set_costs_no_contacts(pad):
     frames = recorded(pad.frames)
     half = len(frames) // 2
