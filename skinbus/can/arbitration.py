@@ -33,8 +33,6 @@ def collide(frames: Frames, error_counters: Sequence[int]) -> tuple[list[int], l
     The first are the numbers of those whose (equal) frame gets through, none if all were destroyed; the
     others see an error and will try again. The last are the bit times lost if all were destroyed.
     """
-    if len(frames) == 1:
-        return [0], [], 0
     # Zero is dominant, FD recessive: of the bits after the identifier, the smallest in lexical order wins.
     bodies = [
         (frame.flags & FD, len(frame.data), b"" if frame.flags & RTR else frame.data) for frame in frames

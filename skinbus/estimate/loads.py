@@ -256,7 +256,7 @@ def _cells(arm: Arm, p: int, near: Bools) -> tuple[Floats, Floats]:
 
 
 @lru_cache(maxsize=4)
-def _grid(patch: Patch) -> tuple[Any, Any, Any]:
+def _grid(patch: Patch) -> Any:
     """Return points on a board and the seam around it, (n, 2) m, how far each is from a tactel, and which."""
     step = patch.pitch / FINENESS
     sides = [math.ceil((side + SEAM) / (2.0 * step)) for side in patch.size]

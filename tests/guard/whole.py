@@ -75,8 +75,8 @@ class Whole:
         self.counts = np.zeros(self.arm.n_tactels, np.int32)
         self.healthy = np.ones(self.arm.n_tactels, np.bool_)
         self.age_ns, self.frozen_ns = 0, None
-        self.parts = [[np.zeros(0)] * 2 for _ in self.ods]
-        """What was read last of each board: counts, and whether they are healthy."""
+        self.judged = [np.zeros(0) for _ in self.ods]
+        """Which tactels of each board were healthy at the last look."""
         self.strangers = []
         self.again_ns, self.crossed_ns = 0, {}
         """When a board was first pressed beyond its limits while it guarded."""
@@ -126,12 +126,11 @@ class Whole:
 
     def newest(self, p, now_ns):
         self.scans[p].append(now_ns)
-        for k, column in enumerate((self.counts, self.healthy)):
-            if self.parts[p][k].base is not column:  # a host looks only at other arrays
-                self.parts[p][k] = column[self.arm.tactels_of(p)]
+        own = self.arm.tactels_of(p)
+        if self.judged[p].base is not self.healthy:  # a host looks only at another array
+            self.judged[p] = self.healthy[own]
         t_ns = now_ns - self.age_ns if self.frozen_ns is None else self.frozen_ns
-        counts, healthy = self.parts[p]
-        return Sample(counts, np.array([t_ns]), healthy)
+        return Sample(self.counts[own], np.array([t_ns]), self.judged[p])
 
     def run(self, ms):
         self.wires.run(self.now_ns + round(ms * MS))

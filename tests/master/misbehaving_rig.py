@@ -9,8 +9,6 @@ from skinbus.objects import cia
 from tests.master.misbehaving import Delayed
 from tests.master.rig import Rig
 
-MOST = 50
-"""Counts, too few for a contact: SYNCs are numbered from 1 to so many, and again."""
 TPDO_OF = {base: number for number, base in enumerate(cia.TPDO_BASES, 1)}
 
 
@@ -33,7 +31,7 @@ class Misbehaving(Delayed):
     def step(self, now_ns, frames):
         for frame in frames:
             if frame.can_id == cia.SYNC_ID:
-                self.n_syncs = self.n_syncs % MOST + 1
+                self.n_syncs = self.n_syncs % 50 + 1  # counts, too few for a contact
                 if not frame.data:
                     self.own = self.n_syncs
         return super().step(now_ns, frames)
