@@ -16,5 +16,5 @@ def workshop(tmp_path_factory):
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.name)
 def test_check_of_a_board_names_the_fault(workshop, mutant):
     device = SensingFirmware(workshop.make(mutant))
-    found = broken_rules(device, n_syncs=2000 if "rare" in mutant.name else 200, ask=device.press)
+    found = broken_rules(device, n_syncs=2000 if "rare" in mutant.name else 100, ask=device.press)
     assert bool(found) != bool(mutant.reason), found

@@ -12,6 +12,8 @@ from skinbus.objects.eds import load_eds
 from skinbus.sim import World, load_scene
 from tests.interop.peer import resolved_eds
 
+pytestmark = pytest.mark.slow
+
 MASTER, PEER = 127, 100
 CONTACT_1 = 0x3001
 CONTACT_1_ID = 0x681
@@ -107,7 +109,6 @@ def test_fastscan_finds_a_patch_without_node_id_and_gives_it_one(bench):
     assert boot_up.data == b"\0"
 
 
-@pytest.mark.slow
 def test_consumer_of_our_sync_emcy_and_pdos_sees_no_error_with_default_settings(bench):
     scene = load_scene("pad")
     node_id = int(scene.arm.node_id[0])

@@ -10,6 +10,8 @@ from skinbus.planning.schedule import Release
 from tests.cli.invoke import run
 from tests.files import put
 
+pytestmark = pytest.mark.slow
+
 GUARD = """
 [guard]
 samples = [2, 3]
@@ -59,7 +61,6 @@ def test_parts_are_those_of_the_arm_file_and_of_the_longest_frames(tmp_path):
     assert slow.frame_ns == 2_000_000 + 8 * 371_000
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "changes", "n"),
     [("forearm", {}, 1), ("forearm", FD, 1), ("arm", {}, 1), ("arm-two-buses", {}, 2)],

@@ -14,6 +14,8 @@ from skinbus.sim import World, load_scene
 from tests.cli.invoke import run
 from tests.files import put
 
+pytestmark = pytest.mark.slow
+
 COMPUTES = {"kmeans": 400_000, "fit": 500_000}
 
 
@@ -23,7 +25,6 @@ def plan(*args, **settings):
     return one
 
 
-@pytest.mark.slow
 def test_shipped_arms_hold_at_their_own_rate():
     for name in ("pad", "forearm", "arm"):
         result = plan(load_arm(name), COMPUTES, level="fit", response_ns=100_000)
@@ -38,7 +39,6 @@ def test_slow_level_is_to_blame_when_only_computing_is_too_long():
     assert any("level kmeans instead of full" in warning for warning in result.warnings)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pad", "forearm"])
 def test_simulated_wire_keeps_every_bound_of_its_cycle(name):
     scene = load_scene(name)
@@ -65,14 +65,12 @@ def test_simulated_wire_keeps_every_bound_of_its_cycle(name):
     assert all(t <= bounds[cob_id] for cob_id, t in worst.items())
 
 
-@pytest.mark.slow
 def test_command_answers_with_its_exit_status():
     run("plan", "forearm", "--compute-us", "500")
     bad = run("plan", "forearm", "--compute-us", "500", "--bitrate", "500000", status=1)
     assert "1 Mbit/s" in bad
 
 
-@pytest.mark.slow
 def test_each_bus_has_its_plan_and_contacts_wait_for_the_readings_of_all():
     arm = load_arm("arm-two-buses")
     computes = {"fit": 1_000_000}
@@ -121,7 +119,6 @@ def test_plan_counts_can_fd_frames_in_both_phases(tmp_path):
     assert (slow.readings_ns, slow.published_ns) < (result.readings_ns + 1, result.published_ns + 1)
 
 
-@pytest.mark.slow
 def test_plan_names_can_fd_as_a_remedy(tmp_path):
     arm = load_arm(forearm_with(tmp_path, "skin-patch", 90.0), check_load=False)
     result = plan(arm, COMPUTES, level="kmeans")
@@ -144,7 +141,6 @@ def test_plan_says_when_canfd_changes_nothing(tmp_path):
         assert not plan(arm, COMPUTES, level="kmeans").warnings
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("eds", "rate_hz", "bitrate", "least"),
     [
@@ -160,7 +156,6 @@ def test_least_change_that_is_enough_is_named(tmp_path, eds, rate_hz, bitrate, l
     assert least in remedy
 
 
-@pytest.mark.slow
 def test_boards_of_ones_own_have_the_same_remedies_as_shipped_ones(tmp_path):
     own = NewBoard(name="own.eds", tactels_uv=grid(4, 4, 10e-3), pitch=10e-3, bits=12)
     put(tmp_path, "own.eds", own.text())

@@ -12,6 +12,8 @@ from tests.robot.geodesics import SURFACES, shoot
 from tests.robot.mesh_arms import mesh_arm, tube_arms
 from tests.robot.meshes import sphere, tube
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("potpourri3d", reason="extra skinbus[mesh]")
 
 UV = grid(4, 4, 0.010)

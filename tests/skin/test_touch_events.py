@@ -7,7 +7,6 @@ import pytest
 import skinbus
 from skinbus.estimate import TrackState
 from skinbus.skin.skin import TouchEvents
-from tests.marks import slow
 from tests.skin.scenes import write
 from tests.skin.scripted import scripted
 
@@ -53,12 +52,13 @@ def test_what_has_lifted_has_no_force():
     assert (kind, contact.state, contact.force) == ("lift", TrackState.LIFT, 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("silence", "kinds"),
     [
         ("from_s = 0.6", ["touch", "lost"]),  # pressed when its board stops, and for half a second more
         ("from_s = 0.9\nto_s = 1.0", ["touch", "lift"]),  # the board is back before the contact has ended
-        *slow(("from_s = 1.3", ["touch", "lift"])),  # released before
+        ("from_s = 1.3", ["touch", "lift"]),  # released before
     ],
 )
 def test_a_contact_whose_board_stopped_answering_is_lost_not_lifted(tmp_path, silence, kinds):

@@ -18,6 +18,8 @@ from tests.cli.commands.recordings import WallClock, changed, frames_in
 from tests.cli.invoke import run
 from tests.master.buses_rig import ON_SEAM, BusesRig, write_scene
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory):
@@ -95,7 +97,6 @@ def test_parquet_holds_every_reading_of_every_cycle(field, here):
         assert np.ptp(taken[5:]) < 0.2 * np.ptp(raw)
 
 
-@pytest.mark.slow
 def test_an_arm_of_two_buses_has_a_dbc_for_each_and_all_its_readings(both, here):
     log, arm = both
     exported(log, "--arm", arm, "-c", "left=can0", "-c", "right=can1", "--out", "x.parquet")
@@ -105,7 +106,6 @@ def test_an_arm_of_two_buses_has_a_dbc_for_each_and_all_its_readings(both, here)
         check_readings(rows, decoded_by_cantools(arm, log, channel, f"-{bus}"))
 
 
-@pytest.mark.slow
 def test_parquet_has_the_contacts_of_replay(field, files, here):
     table = pq.read_table(files / "x.contacts.parquet").to_pylist()
     run("replay", field, "--arm", "pad", "--out", "replay.csv")
@@ -137,7 +137,6 @@ def messages_of(path):
     return found
 
 
-@pytest.mark.slow
 def test_mcap_holds_readings_and_contacts_in_messages_that_foxglove_knows(files):
     topics = messages_of(files / "x.mcap")
     counts = {}
@@ -167,7 +166,6 @@ def test_mcap_holds_readings_and_contacts_in_messages_that_foxglove_knows(files)
         assert (foot.x, end.z) == pytest.approx((contact["x_m"], 5e-3 * contact["force_n"]))
 
 
-@pytest.mark.slow
 def test_a_log_of_another_arm_leaves_what_was_there(field, files, here):
     before = Path(shutil.copy(files / "x.mcap", here)).read_bytes()
     path = changed(here, [format_line(f) for f in frames_in(field) if not 0x181 <= f.can_id <= 0x4FF])

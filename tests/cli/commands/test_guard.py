@@ -21,6 +21,8 @@ from tests.guard.rig import ARMED, GFC, MS, QUICK_STOP
 from tests.run_in_process import run_code
 from tests.skin.scripted import made_cycle
 
+pytestmark = pytest.mark.slow
+
 GUARD = """
 [guard]
 liveness_ms = 1000
@@ -71,7 +73,6 @@ def arm(tmp_path):
 HERE = "python:tests.cli.commands.test_guard:"
 
 
-@pytest.mark.slow
 def test_every_stop_is_done_and_none_waits_for_another(own_bus, arm, tmp_path):
     skin, done = Skin(gfc_at=50), tmp_path / "done"
     stops = ["command:false", "cia402:100", f"{HERE}fail", f"{HERE}stop", f"command:touch '{done}'"]
@@ -89,7 +90,6 @@ def test_every_stop_is_done_and_none_waits_for_another(own_bus, arm, tmp_path):
     assert skin.told[0] == QUICK_STOP
 
 
-@pytest.mark.slow
 def test_its_end_is_a_stop_if_it_guards(own_bus, arm):
     words = ("guard", arm, "--stop", f"{HERE}stop", "--stop", "cia402:100", "--seconds", 2)
     assert "guard-waits, patch 1 silent; master silent" in own_bus.run(*words)
@@ -101,7 +101,6 @@ def test_its_end_is_a_stop_if_it_guards(own_bus, arm):
     assert skin.told[0] == QUICK_STOP
 
 
-@pytest.mark.slow
 def test_a_fault_of_the_guard_itself_is_a_stop(own_bus, arm, monkeypatch):
     def step(self, now_ns, frames, whole=Guard.step):
         if self.phase is Phase.GUARDING:

@@ -8,6 +8,8 @@ from skinbus.master.health import SETTLED
 from tests.cli.invoke import run
 from tests.master.watched import Watched
 
+pytestmark = pytest.mark.slow
+
 SEED = 20261204
 
 

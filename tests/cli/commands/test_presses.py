@@ -13,6 +13,8 @@ from tests.cli.invoke import run
 from tests.files import put
 from tests.master.test_free_running import by_events
 
+pytestmark = pytest.mark.slow
+
 SEED = 20261125
 N = 4
 
@@ -40,7 +42,6 @@ def check_places(rows, truth):
         assert np.hypot(row["s_mm"] - s, row["a_mm"] - a) < 0.4
 
 
-@pytest.mark.slow
 def test_presses_are_joined_with_poses_and_forces_on_a_clock_of_their_own(field):
     folder, truth = field
     assert "clock of the poses: -17." in presses(folder, "--poses", folder / "robot.csv")
@@ -52,7 +53,6 @@ def test_presses_are_joined_with_poses_and_forces_on_a_clock_of_their_own(field)
     assert np.mean([row["n1"] for row in rows]) == pytest.approx(200.0, rel=0.2)
 
 
-@pytest.mark.slow
 def test_presses_on_a_patch_that_sends_on_a_change_are_found_between_changes(tmp_path):
     arm = put(
         tmp_path,
@@ -65,7 +65,6 @@ def test_presses_on_a_patch_that_sends_on_a_change_are_found_between_changes(tmp
     check_places(found_in(tmp_path), truth)
 
 
-@pytest.mark.slow
 def test_points_in_space_with_a_known_weight_or_three_lines_for_each_press_made_by_hand_are_enough(field):
     folder, truth = field
     lines = [

@@ -14,6 +14,8 @@ from tests.cli.invoke import run
 from tests.files import put
 from tests.master.rig import MS
 
+pytestmark = pytest.mark.slow
+
 READINGS = (0x181, 0x281, 0x381, 0x481)
 
 
@@ -47,7 +49,6 @@ def test_contacts_of_every_cycle_are_those_that_were_published(field, plain):
     assert {int(row["t_ns"]) for row in rows} <= {t_ns // 1000 * 1000 for t_ns in syncs}
 
 
-@pytest.mark.slow
 def test_a_log_from_a_pipe_gives_the_same_bytes(field, plain, tmp_path):
     (said, first), again, pipe = plain, tmp_path / "again.csv", tmp_path / "pipe"
     os.mkfifo(pipe)
@@ -58,7 +59,6 @@ def test_a_log_from_a_pipe_gives_the_same_bytes(field, plain, tmp_path):
     assert again.read_bytes() == first.read_bytes()
 
 
-@pytest.mark.slow
 def test_garbage_is_counted_and_changes_nothing(field, plain, tmp_path):
     lines = []
     for k, line in enumerate(field.read_text().splitlines()):
@@ -76,7 +76,6 @@ def test_garbage_is_counted_and_changes_nothing(field, plain, tmp_path):
     assert dropped == f"the recorder had no room for {2 * n} frames"
 
 
-@pytest.mark.slow
 def test_of_two_interfaces_one_is_chosen_by_option_or_arm_file_or_asked_for(field, tmp_path):
     frames = frames_in(field)
     lines = []
@@ -100,7 +99,6 @@ def test_of_two_interfaces_one_is_chosen_by_option_or_arm_file_or_asked_for(fiel
     assert "It also holds can0, vcan1" in wrong
 
 
-@pytest.mark.slow
 def test_events_are_reported_at_their_times(field, tmp_path):
     lines = [
         format_line(f)
@@ -120,7 +118,6 @@ def test_readings_without_sync_are_no_cycles_and_it_is_said(field, tmp_path):
     assert "no SYNC is in it" in result
 
 
-@pytest.mark.slow
 def test_patches_that_sent_nothing_are_named_and_another_arm_is_a_no(field, tmp_path):
     some = replay(field, "--arm", "forearm")
     assert "at 100 Hz (the arm file says 50)" in some
