@@ -77,7 +77,6 @@ class Freshness:
         # it was doubled, or a node babbled, and it has not shown since that it is not; what its account says
         # is not proven before a gap, or a start
         self._was_doubled, self._is_babbled, self._unproven = np.zeros((3, n), np.bool_)
-        self._seen = b""  # of the table
         self._was_answering, self._was_silent, self._forgotten = np.zeros((3, n), np.bool_)
         # how often it began to run, and when last; when a gap may be made, until when it is unusable, and
         # until when no gap is put off; newest trouble, pause before the next gap
@@ -121,18 +120,18 @@ class Freshness:
         Of one that has sent readings since its boot-up message, and just now, some may be under way.
         What patches that run freely sent before they fell silent does not hold any more.
         """
-        seen = table.starts.tobytes() + table.state.tobytes()
-        if seen == self._seen:
-            return
-        self._seen, last_ns = seen, self.answers.last_ns
-        anew, is_silent = table.starts != self._starts, table.state == PatchState.SILENT
+        starts, last_ns = table.starts, self.answers.last_ns
+        anew = starts != self._starts
+        is_silent = table.state == PatchState.SILENT
         gone = anew | is_silent & ~self._was_silent
-        self._was_silent, self._starts = is_silent, table.starts.copy()
+        self._was_silent = is_silent
         self.answers.free_ns[gone[self._plan.pdo_patch]] = 0
-        sends = (last_ns > table.last_boot_up) & (now_ns - last_ns < GAP * self._period_ns)
-        self._unproven[anew] = sends[anew] & (not self._follows)
-        self.answers.due[anew[self._plan.pdo_patch]] = 0
-        self.started_ns[anew] = now_ns
+        if anew.any():
+            sends = (last_ns > table.last_boot_up) & (now_ns - last_ns < GAP * self._period_ns)
+            self._unproven[anew] = sends[anew] & (not self._follows)
+            self.answers.due[anew[self._plan.pdo_patch]] = 0
+            self._starts = starts.copy()
+            self.started_ns[anew] = now_ns
 
     def bus_is_back(self, now_ns: int, patches: slice) -> None:
         """Put off no gap for these patches in the next second: their bus has recovered."""

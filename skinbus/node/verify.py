@@ -25,7 +25,7 @@ class VerifyService(Part):
         super().__init__(context)
         dictionary = self.dictionary
         self._subs = dictionary.layout.subs(VERIFY_CONFIGURATION)
-        entries = [entry for _, entry in sorted(dictionary.layout.entries.items())]
+        entries = dictionary.layout.entries.values()
         self._verified = [entry for entry in entries if is_verified(entry.index) and is_parameter(entry)]
         dictionary.on_stored = self._stored
         for entry in entries:

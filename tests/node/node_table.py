@@ -19,6 +19,7 @@ Identifiers and bytes are hexadecimal; ``n`` is the node-ID, also as a byte ``nn
 from ast import literal_eval
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,8 @@ from tests.firmware.firmware_device import EMPTY, FirmwareDevice, code_of
 from tests.firmware.images import make_image
 
 NS_PER_MS = 1_000_000
+shared_eds = cache(load_eds)
+"""A device does not write to its dictionary."""
 SERIAL = 0x00C0FFEE
 DEVICES = dict.fromkeys(("patch", "hosted", "firmware"), ("skin-patch", 5))
 DEVICES["master"] = ("skin-master", 127)
@@ -292,7 +295,7 @@ class Bench:
             writes = {"n_writes": 0} if self.is_broken else {}
             code = code_of(eds, *self.flags)
             return FirmwareDevice(code, self.node_id, serial=SERIAL, flash=self.storage, **writes)
-        device = Device(load_eds(eds, node_id), self.node_id, storage=self.storage)
+        device = Device(shared_eds(eds, node_id), self.node_id, storage=self.storage)
         device.set(IDENTITY, IDENTITY_SERIAL, SERIAL)
         return device
 
