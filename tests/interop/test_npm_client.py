@@ -1,5 +1,7 @@
 """The JavaScript stack as client of our patch: what it asks, our device answers."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -38,54 +40,43 @@ def test_boot_up_and_heartbeat_are_seen_and_their_loss_too(bench, patch):
     assert bench.peer.told("timeout") == [{"node": NODE}]
 
 
-@pytest.mark.parametrize(
-    ("command", "state"),
-    [
-        ("startNode", NmtState.OPERATIONAL),
-        ("stopNode", NmtState.STOPPED),
-        ("enterPreOperational", NmtState.PRE_OPERATIONAL),
-        ("resetNode", NmtState.PRE_OPERATIONAL),
-        ("resetCommunication", NmtState.PRE_OPERATIONAL),
-    ],
-)
-@pytest.mark.parametrize("node", [NODE, 0], ids=["addressed", "broadcast"])
-def test_nmt_commands_are_obeyed(bench, patch, command, state, node):
-    bench.ask("nmt", command="startNode", node=NODE)
-    n_before = sum(frame.can_id == 0x700 + NODE and frame.data == b"\0" for frame in bench.frames)
-    bench.ask("nmt", command=command, node=node)
-    bench.pass_ms(10)
-    assert patch.nmt_state is state
-    n_boot_ups = (
-        sum(frame.can_id == 0x700 + NODE and frame.data == b"\0" for frame in bench.frames) - n_before
-    )
-    assert n_boot_ups == command.startswith("reset")
+def test_nmt_commands_are_obeyed(bench, patch):
+    states = {
+        "startNode": NmtState.OPERATIONAL,
+        "stopNode": NmtState.STOPPED,
+        "enterPreOperational": NmtState.PRE_OPERATIONAL,
+        "resetNode": NmtState.PRE_OPERATIONAL,
+        "resetCommunication": NmtState.PRE_OPERATIONAL,
+    }
+    for command, node in product(states, (NODE, 0)):
+        bench.ask("nmt", command="startNode", node=NODE)
+        assert patch.nmt_state is NmtState.OPERATIONAL
+        n_before = len(bench.frames)
+        bench.ask("nmt", command=command, node=node)
+        bench.pass_ms(10)
+        assert patch.nmt_state is states[command]
+        boot_ups = [f for f in bench.frames[n_before:] if f.can_id == 0x700 + NODE and f.data == b"\0"]
+        assert len(boot_ups) == command.startswith("reset")
 
 
-@pytest.mark.parametrize(
-    ("index", "sub", "data"),
-    [
+def test_uploads_are_expedited_or_in_blocks(bench, patch):
+    patch.set(0x1017, 0, 1000)
+    for index, sub, data in (
         (0x1000, 0, "91010400"),
         (0x1001, 0, "00"),
         (0x1017, 0, "e803"),
         (0x1018, 0, "04"),
         (0x1018, 1, "424e4b53"),
         (0x1800, 2, "01"),
-    ],
-)
-def test_expedited_upload(bench, patch, index, sub, data):
-    patch.set(0x1017, 0, 1000)
-    assert bench.ask("upload", node=NODE, index=index, sub=sub) == data
+    ):
+        assert bench.ask("upload", node=NODE, index=index, sub=sub) == data
+    for index in (0x1008, 0x1009, 0x100A):
+        data = bench.ask("upload", node=NODE, index=index, sub=0, block=True)
+        assert bytes.fromhex(data).decode() == patch.get(index, 0)
 
 
-@pytest.mark.parametrize("index", [0x1008, 0x1009, 0x100A])
-def test_strings_are_uploaded_in_blocks(bench, patch, index):
-    data = bench.ask("upload", node=NODE, index=index, sub=0, block=True)
-    assert bytes.fromhex(data).decode() == patch.get(index, 0)
-
-
-@pytest.mark.parametrize(
-    ("verb", "index", "sub", "data", "code"),
-    [
+def test_refusals_reach_the_client_with_their_abort_code(bench, patch):
+    for verb, index, sub, data, code in (
         ("upload", 0x5FFF, 0, None, 0x06020000),
         ("upload", 0x1018, 9, None, 0x06090011),
         ("download", 0x1000, 0, "00000000", 0x06010002),
@@ -93,12 +84,10 @@ def test_strings_are_uploaded_in_blocks(bench, patch, index):
         ("download", 0x1017, 0, "00", 0x06070013),
         ("download", 0x1800, 2, "f1", 0x06090030),
         ("download", 0x1A00, 1, "20000220", 0x06010000),
-    ],
-)
-def test_refusals_reach_the_client_with_their_abort_code(bench, patch, verb, index, sub, data, code):
-    with pytest.raises(PeerError) as caught:
-        bench.ask(verb, node=NODE, index=index, sub=sub, data=data)
-    assert caught.value.code == code
+    ):
+        with pytest.raises(PeerError) as caught:
+            bench.ask(verb, node=NODE, index=index, sub=sub, data=data)
+        assert caught.value.code == code
 
 
 def test_readings_in_tpdos_on_sync_are_decoded(bench, patch):

@@ -5,7 +5,6 @@ import csv
 import numpy as np
 import pytest
 
-from skinbus.cli.commands.presses import felt
 from skinbus.cli.press_csv import write_presses
 from skinbus.config.system import load_arm
 from tests.cli.commands.pressed_field import make_field
@@ -81,6 +80,8 @@ def test_points_in_space_with_a_known_weight_or_three_lines_for_each_press_made_
 
 
 def test_a_line_names_the_bus_where_an_arm_has_several(tmp_path):
+    from skinbus.cli.commands.presses import felt  # it loads scipy.signal, which no other test needs
+
     arm = load_arm("arm-two-buses")
     means = np.zeros(arm.n_tactels)
     means[arm.tactels_of(arm.patch_at(1, 1))] = 900.0  # node 1 of the lower bus, on the elbow
