@@ -10,16 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skinbus.arrays import Ints
 from skinbus.can.core import NEVER
 from skinbus.can.frame import FrameBatch
 from skinbus.master.freshness import Freshness
 from skinbus.master.patches.table import Mask
-from skinbus.objects.profile import AGE_STEP_NS, SampleStatus
 from skinbus.objects.readings import ReadingsPlan
-
-UNUSABLE = SampleStatus.OLD | SampleStatus.UNSETTLED
-"""Of a time that is not known, or of no pressure."""
 
 
 @dataclass(slots=True)
@@ -59,11 +54,8 @@ class Gather:
         self.is_open = False
         self.has_news = False
         """Whether a patch has sent a change that was in no cycle yet."""
-        self._has_free = bool(plan.free.any())
         self.freshness = freshness
         self._stamps = plan.new_stamps()
-        (self._with_status,) = np.nonzero(plan.stamped[:, 1])
-        (self._with_age,) = np.nonzero(plan.stamped[:, 2])
         self._max_age_ns = max_age_ns
         self.age_ns = np.zeros(n_patches, np.int64)
         """(n_patches,) from the oldest sample in the readings of a patch to the SYNC that they answer."""
@@ -113,7 +105,7 @@ class Gather:
 
         Frames of TPDOs that run freely are taken whenever they come.
         """
-        if self._has_free:
+        if self.plan.has_free:
             free_ns = self.freshness.answers.free_ns
             n_free, has_changed = self.plan.unpack_free(batch, self.counts, self._stamps, free_ns)
             self.has_news |= has_changed
@@ -153,29 +145,10 @@ class Gather:
     def close(self) -> Mask:
         """End the cycle and return which patches are fresh: every TPDO came in answer to this SYNC."""
         self.is_open = self.has_news = False
+        free_ns = self.freshness.answers.free_ns
+        is_used, self.age_ns = self.plan.judge_stamps(self._stamps, free_ns, self._opened_ns)
         fresh = self.has_answered & (self.plan.expected != 0)
-        if len(self._with_status):
-            is_unusable = self._stamps[self._with_status, 1] & UNUSABLE != 0
-            fresh[self.plan.pdo_patch[self._with_status[is_unusable]]] = False
-        age = np.zeros(self.plan.n_frames, np.int64)
-        low, high = self._stamps[self._with_age, 2:].T.astype(np.int64)
-        age[self._with_age] = (low | high << 8) * AGE_STEP_NS
-        if self._has_free:
-            fresh[self.plan.pdo_patch[self._is_due(age)]] = False
-        self.age_ns[:] = 0
-        np.maximum.at(self.age_ns, self.plan.pdo_patch, age)
-        fresh &= self.age_ns <= self._max_age_ns
-        return self.freshness.judge(fresh)
-
-    def _is_due(self, age: Ints) -> Mask:
-        """Return which TPDOs that run freely have not come in time, (n_frames,).
-
-        What comes by a timer alone is older by the time since then, what is sent on a change is not.
-        """
-        plan, free_ns = self.plan, self.freshness.answers.free_ns
-        since_ns = np.maximum(self._opened_ns - free_ns, 0)
-        age += since_ns * (plan.free & ~plan.on_change[plan.pdo_patch])
-        return np.asarray(plan.free & ((free_ns == 0) | (since_ns > plan.pause_ns)))
+        return self.freshness.judge(fresh & is_used & (self.age_ns <= self._max_age_ns))
 
     def _take_late(self, n: int, batch: FrameBatch) -> None:
         """Count n frames of a closed cycle, those in the batch: they answer its SYNC, or one before."""

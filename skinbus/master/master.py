@@ -121,7 +121,7 @@ class Master(Core):
         self._sync_ns = NEVER
         self._deadline = NEVER
         self._n_left_out = 0  # SYNCs, on purpose, since the newest
-        self._is_free = bool(plan.free.any()) and not plan.on_sync.any()
+        self._is_free = plan.has_free and not plan.on_sync.any()
         """Whether all patches run freely: cycles begin with changes, too, and wait for more of them."""
         self._wait_ns = round(DEADLINE * self.period_ns)
         if self._is_free:

@@ -11,9 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-from skinbus.arrays import Floats, Ints
+from skinbus.arrays import Bools, Floats, Ints
 from skinbus.estimate import LEVELS, Contacts, Loads, Tracks, TrackState
 from skinbus.master.cycle import CycleReport
 from skinbus.master.gather import FrameCounters
@@ -89,9 +88,9 @@ class Publisher:
     def contacts(self, now_ns: int, contacts: Contacts, tracks: Tracks) -> Ints:
         """Write and send the tracks of a cycle; return the identity of each contact, 0 if it has no slot."""
         in_slot = tracks.slot >= 0
-        seen = np.flatnonzero(in_slot & (tracks.row >= 0))
+        seen = in_slot & (tracks.row >= 0)
         if in_slot.any():
-            self._write(now_ns, contacts, tracks, np.flatnonzero(in_slot))
+            self._write(now_ns, contacts, tracks, in_slot)
         slots = tracks.slot[in_slot].tolist()
         self._used.update(slots)
         for node in self._nodes:
@@ -170,7 +169,7 @@ class Publisher:
         for node in self._nodes:
             node.frames[0] = tuple(value & 0xFFFFFFFF for value in values)
 
-    def _write(self, now_ns: int, c: Contacts, tracks: Tracks, which: npt.NDArray[np.intp]) -> None:
+    def _write(self, now_ns: int, c: Contacts, tracks: Tracks, which: Bools) -> None:
         """Write tracks as they were seen last, and the raw estimates of those seen in this cycle.
 
         One that has ended has no force.

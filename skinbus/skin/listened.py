@@ -134,11 +134,11 @@ class ListenCore(Core):
 
     def take(self, now_ns: int, batch: FrameBatch) -> None:
         """Note which patches send readings, and what."""
-        if self.readings:
-            self.readings.take(batch)
         frames = batch.frames[: batch.n]
         patches = self._sent_by[frames["bus"], frames["can_id"]]
         self._fresh_ns[patches[patches >= 0]] = now_ns
+        if self.readings:
+            self.readings.take(batch)
 
     def step(self, now_ns: int, frames: Frames) -> Step:
         """Take frames; return requests to the master."""
@@ -249,22 +249,28 @@ class ListenedReadings:
         self._plan = plan
         self._counts = np.zeros(arm.n_tactels, np.int32)
         self._seen = np.zeros(arm.n_patches, np.int32)
+        self._stamps, self._free_ns = plan.new_stamps(), plan.answers().free_ns
         self._baseline = Baseline(arm)
         self._plausibility = Plausibility(arm)
         self._wanted: deque[int | None] = deque()
 
     def take(self, batch: FrameBatch) -> None:
         """Take data frames."""
-        self._plan.unpack(batch, self._counts, self._seen)
+        self._plan.unpack_free(batch, self._counts, self._stamps, self._free_ns)
+        self._plan.unpack(batch, self._counts, self._seen, self._stamps)
 
     def end_cycle(self, t_ns: int, is_sending: Mask) -> Readings:
         """Return the readings since the last cycle; a patch of which a frame is missing has none.
 
         What runs freely holds from cycle to cycle while the patch is one of those sending, (n_patches,).
         """
-        fresh = (self._seen == self._plan.expected) & is_sending
-        self._seen &= np.where(is_sending, ~self._plan.on_sync, 0)
-        pressures = (self._counts - self._plan.counts_offset) * self._plan.counts_scale
+        plan = self._plan
+        self._free_ns[~is_sending[plan.pdo_patch]] = 0
+        is_used, age_ns = plan.judge_stamps(self._stamps, self._free_ns, t_ns)
+        is_used &= age_ns <= 1_000_000 * self._arm.bus.max_age_ms
+        fresh = (self._seen == plan.on_sync) & is_sending & is_used
+        self._seen[:] = 0
+        pressures = (self._counts - plan.counts_offset) * plan.counts_scale
         self._plausibility.judge(pressures, t_ns, fresh, self._baseline)
         fresh &= ~self._plausibility.is_withheld
         self._baseline.apply(pressures, t_ns, fresh)

@@ -5,10 +5,8 @@ import pytest
 
 from skinbus.master.patches.table import PatchState
 from skinbus.master.replay import Replay
-from skinbus.skin.cycle import SkinLayout
-from skinbus.skin.feed import Feed
-from skinbus.skin.listened import ListenCore
 from tests.files import put
+from tests.master.heard import listen
 from tests.master.rig import MS, Rig
 
 pytestmark = pytest.mark.slow
@@ -185,9 +183,7 @@ def test_a_cycle_of_a_recording_that_a_change_began_has_its_time(tmp_path):
 @pytest.mark.parametrize("event_ms", [0, 800])
 def test_a_listener_shows_what_a_quiet_patch_has_sent_until_timer_or_heartbeat_are_due(tmp_path, event_ms):
     rig = FreeRig(tmp_path, by_events(event_ms), by_events(event_ms), rate_hz=5.0)
-    feed = Feed(SkinLayout.of(rig.scene.arm), "a test")
-    feed.now_ns = rig.wire.clock.now_ns
-    rig.wire.attach(ListenCore(rig.scene.arm, 127, feed, readings=True))
+    _, feed = listen(rig)
     rig.run_to(1.9)
     heard = feed.peek()
     assert heard.readings.valid.all()

@@ -5,6 +5,7 @@ import pytest
 
 from skinbus.objects.profile import SampleStatus
 from tests.fd_arm import write_scene_file
+from tests.master.heard import listen
 from tests.master.misbehaving import Delayed
 from tests.master.rig import MS, Rig
 
@@ -52,8 +53,10 @@ def test_frames_of_an_earlier_sync_are_never_fresh_and_those_of_this_one_are_at_
 def test_sample_that_says_it_is_old_or_unsettled_is_not_used(tmp_path, status, counter):
     rig = stamped(tmp_path, counter)
     rig.world.devices[0].sample_status = status
+    _, feed = listen(rig)
     rig.run(2 * PERIOD_MS)
     assert rig.fresh(1000).tolist() == [0.0, 1.0]
+    assert feed.peek().readings.valid.tolist() == rig.scene.arm.tactel_patch.astype(bool).tolist()
     rig.world.devices[0].sample_status = SampleStatus(0)
     rig.run(2 * PERIOD_MS)
     assert (rig.fresh(1000) == 1.0).all()

@@ -9,12 +9,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from skinbus.config.system import load_arm
 from skinbus.estimate import TrackState
 from skinbus.master.patches.table import PatchState
-from skinbus.skin.cycle import CONTACT, SkinLayout, fill_places
-from skinbus.skin.feed import Feed
-from skinbus.skin.listened import ListenCore
+from skinbus.skin.cycle import CONTACT, fill_places
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.skin import TouchEvents
 from skinbus.view.unrolled import LOST, Unrolled
+from tests.master.heard import listen
 from tests.master.rig import Rig
 from tests.skin.scenes import write
 
@@ -23,11 +22,7 @@ from tests.skin.scenes import write
 def listening(tmp_path):
     """A rig, a listener on its wire, and the cycles that it has heard."""
     rig = Rig(write(tmp_path), level="fit")
-    arm = rig.scene.arm
-    feed = Feed(SkinLayout.of(arm), "a test")
-    feed.now_ns = rig.wire.clock.now_ns
-    core = ListenCore(arm, 127, feed, readings=True)
-    rig.wire.attach(core)
+    core, feed = listen(rig)
     heard = []
 
     def run(ms):
