@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skinbus.can.core import NEVER
 from skinbus.can.frame import FrameBatch
 from skinbus.master.freshness import Freshness
 from skinbus.master.patches.table import Mask
@@ -40,9 +39,7 @@ class FrameCounters:
 class Gather:
     """Collects the frames of the open cycle; works in arrays allocated once."""
 
-    def __init__(
-        self, plan: ReadingsPlan, n_tactels: int, freshness: Freshness, max_age_ns: int = NEVER
-    ) -> None:
+    def __init__(self, plan: ReadingsPlan, n_tactels: int, freshness: Freshness, max_age_ns: int) -> None:
         """``freshness`` decides which frames answer the SYNC of their cycle; older samples are not used."""
         self.plan = plan
         self.counters = FrameCounters()

@@ -102,7 +102,7 @@ class Health:
 
     def as_tables(self, records: Records) -> dict[str, Any]:
         """Return a copy of the records as tables of numbers; null for what is not known."""
-        return {"arm": self._arm.name, "health": tables_of(self._arm, {key: records[key] for key in NAMES})}
+        return {"health": tables_of(self._arm, {key: records[key] for key in NAMES})}
 
     def resume(self, tables: dict[str, Any]) -> int:
         """Take up what an earlier run has seen; return of how many boards."""

@@ -75,7 +75,6 @@ class Memory:
         """Return a snapshot as tables of numbers and texts."""
         arm, names, (identity, number) = self._arm, names_of(self._arm), snapshot["last"]
         return {
-            "arm": arm.name,
             "patches": tables_of(arm, snapshot["columns"]),
             "contacts": [track._asdict() | {"patch": names[track.patch]} for track in snapshot["tracks"]],
             "last_identity": identity,

@@ -57,21 +57,19 @@ class CycleMaker:
 def _records(report: CycleReport, before: Records) -> Records:
     """Return contacts without their places in space; those not seen are as they were last seen."""
     tracks, contacts = report.tracks, report.contacts
-    records = np.zeros(len(tracks), CONTACT)
+    records, is_seen = np.zeros(len(tracks), CONTACT), tracks.row >= 0
+    records["level"] = UNKNOWN_LEVEL
+    for n in np.flatnonzero(~is_seen):
+        for last in before[before["identity"] == tracks.identity[n]]:
+            records[n] = last
     for name in ("identity", "seen_ns", "id", "link", "state", "s", "a"):
         records[name] = getattr(tracks, name)
     records["force"] = np.where(tracks.state == TrackState.LIFT, 0.0, tracks.force)
-    records["level"] = UNKNOWN_LEVEL
-    is_seen = tracks.row >= 0
     rows = tracks.row[is_seen]
     records["quality"][is_seen] = contacts.quality[rows]
     records["level"][is_seen] = [LEVELS.index(level) for level in contacts.level[rows]]
     records["covariance"][is_seen] = contacts.covariance[rows]
     records["has_covariance"][is_seen] = contacts.covariance[rows, 2, 2] > 0.0
-    for n in np.flatnonzero(~is_seen):
-        for last in before[before["identity"] == tracks.identity[n]]:
-            for name in ("quality", "level", "covariance", "has_covariance"):
-                records[name][n] = last[name]
     return records
 
 

@@ -15,7 +15,7 @@ def test_every_frame_is_accepted_or_lost_once():
     """Late frames are not missing too; those that come a second time are lost as well."""
     arm = load_arm("pad")
     plan = ReadingsPlan(arm, ods_of(arm))
-    gather = Gather(plan, arm.n_tactels, Freshness(plan, 20 * MS))
+    gather = Gather(plan, arm.n_tactels, Freshness(plan, 20 * MS), 100 * MS)
     counters, four = gather.counters, [Frame(cob_id, bytes(8)) for cob_id in plan.cob_ids_on[0]]
 
     def take(first, last):

@@ -39,11 +39,11 @@ class Again:
     def __init__(self, arm, frames, **settings):
         self.reports = []
         self.replay = Replay(arm, on_cycle=self.reports.append, **settings)
-        sent = sent_by(self.replay)
+        self.sent = sent_by(self.replay)
         for frame in frames:
             self.replay.take(frame)
         self.replay.end()
-        self.contacts = contacts_in(sent)
+        self.contacts = contacts_in(self.sent)
 
     @property
     def counters(self):
@@ -89,11 +89,7 @@ def test_contacts_on_two_buses_are_made_again_from_one_recording(tmp_path):
     rig.run(1000)
     both = [frame._replace(bus=bus) for bus, frames in enumerate(rig.frames) for frame in frames]
     both.sort(key=lambda frame: frame.t_ns)
-    replay = Replay(rig.scene.arm)
-    sent = sent_by(replay)
-    for frame in recorded(both):
-        replay.take(frame)
-    replay.end()
+    sent = Again(rig.scene.arm, recorded(both)).sent
     for bus, frames in enumerate(rig.frames):
         assert contacts_in([frame for frame in sent if frame.bus == bus]) == contacts_in(frames)
 
