@@ -122,7 +122,7 @@ class Cycle:
         self.loads = self._load_meter.measure(np.zeros(arm.n_tactels), np.zeros(arm.n_tactels, np.int8))
         self.pressures = np.zeros(arm.n_tactels)
         """(n_tactels,) Pa of the newest cycle, less the zeros; of stale patches old, and not used."""
-        self.valid = np.ones(arm.n_tactels, np.bool_)
+        self.valid: Bools
         """(n_tactels,) of them those that were used in the newest cycle."""
         self._wants_zero = np.full(arm.n_patches, zero_at_start)
         laws = [placed.patch.law for placed in arm.patches]

@@ -94,8 +94,7 @@ class Publisher:
         slots = tracks.slot[in_slot].tolist()
         self._used.update(slots)
         for node in self._nodes:
-            if node.records is not self._records:
-                node.records[...] = self._records
+            node.records[...] = self._records
             self._send(node.device, slots)
         ids = np.zeros(len(contacts), np.int64)
         ids[tracks.row[seen]] = tracks.id[seen]

@@ -102,7 +102,7 @@ class ListenCore(Core):
         self._emcy = np.zeros(arm.n_patches, np.uint32)
         ods = ods_of(arm)
         plan = ReadingsPlan(arm, ods)
-        self._silent_ns = np.full(arm.n_patches, (MAX_MISSED + 1) * round(1e9 / arm.bus.rate_hz))
+        self._silent_ns = np.full(arm.n_patches, (MAX_MISSED + 1) * feed.layout.period_ns)
         np.maximum.at(self._silent_ns, plan.pdo_patch, plan.pause_ns * plan.free)
         lost_ms = [HEARTBEAT_FACTOR * number_at(od, cia.HEARTBEAT_PRODUCER) or np.inf for od in ods]
         self._lost_ns = 1e6 * np.array(lost_ms)
