@@ -126,7 +126,7 @@ def test_consumer_of_our_sync_emcy_and_pdos_sees_no_error_with_default_settings(
     )
     bench.ask("nmt", command="startNode")
     begin = len(bench.frames)
-    bench.pass_ms(2000)
+    bench.pass_ms(3000)
     n_syncs = sum(frame.can_id == 0x80 for frame in bench.frames[begin:])
     assert n_syncs > 50
     assert [sync["counter"] for sync in bench.peer.told("sync")][-n_syncs:] == [""] * n_syncs
