@@ -10,10 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skinbus.arrays import Bytes, Ints
 from skinbus.can.frame import FrameBatch
 from skinbus.master.freshness import Freshness
 from skinbus.master.patches.table import Mask
+from skinbus.objects.profile import AGE_STEP_NS, SampleStatus
 from skinbus.objects.readings import ReadingsPlan
+
+UNUSABLE = SampleStatus.OLD | SampleStatus.UNSETTLED
+"""Of a time that is not known, or of no pressure."""
 
 
 @dataclass(slots=True)
@@ -143,7 +148,7 @@ class Gather:
         """End the cycle and return which patches are fresh: every TPDO came in answer to this SYNC."""
         self.is_open = self.has_news = False
         free_ns = self.freshness.answers.free_ns
-        is_used, self.age_ns = self.plan.judge_stamps(self._stamps, free_ns, self._opened_ns)
+        is_used, self.age_ns = judge_stamps(self.plan, self._stamps, free_ns, self._opened_ns)
         fresh = self.has_answered & (self.plan.expected != 0)
         return self.freshness.judge(fresh & is_used & (self.age_ns <= self._max_age_ns))
 
@@ -157,3 +162,24 @@ class Gather:
 
     def _missing(self) -> int:
         return int(np.bitwise_count(self.plan.on_sync[self.owing] & ~self.seen[self.owing]).sum())
+
+
+def judge_stamps(plan: ReadingsPlan, stamps: Bytes, free_ns: Ints, now_ns: int) -> tuple[Mask, Ints]:
+    """Return whether the newest readings of each patch may be used, by what it says, and their ages (ns).
+
+    Both (n_patches,). What comes by a timer alone is older by the time since then, what is sent on a
+    change is not. Those that have not come in time are not used, nor is what says that it is old.
+
+    Args:
+        stamps:  as of ``plan.unpack``.
+        free_ns: (n_frames,) when TPDOs that run freely came, 0 for never.
+    """
+    of_patch, is_used = np.zeros(plan.n_patches, np.int64), np.ones(plan.n_patches, np.bool_)
+    if not (plan.has_free or plan.stamped.any()):
+        return is_used, of_patch
+    since_ns = np.maximum(now_ns - free_ns, 0) * plan.free
+    age_ns = stamps[:, 2:] @ (1, 256) * AGE_STEP_NS + since_ns * ~plan.on_change[plan.pdo_patch]
+    is_bad = (stamps[:, 1] & UNUSABLE != 0) | (plan.free & (free_ns == 0)) | (since_ns > plan.pause_ns)
+    np.maximum.at(of_patch, plan.pdo_patch, age_ns)
+    is_used[plan.pdo_patch[is_bad]] = False
+    return is_used, of_patch

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.arrays import Bytes, Ints, Ints32
@@ -29,16 +28,7 @@ from skinbus.objects.cia import (
     Trigger,
 )
 from skinbus.objects.pdo import PdoMap, carries_readings, readings_in, tpdos
-from skinbus.objects.profile import (
-    AGE_STEP_NS,
-    SAMPLE_AGE,
-    SAMPLE_COUNTER,
-    SAMPLE_STATUS,
-    SampleStatus,
-    has,
-    index_of,
-    number_at,
-)
+from skinbus.objects.profile import SAMPLE_AGE, SAMPLE_COUNTER, SAMPLE_STATUS, has, index_of, number_at
 
 N_IDS = 2048
 MAX_TPDOS = 31
@@ -50,9 +40,6 @@ NO_PLAIN = EXTENDED | RTR | ERROR
 DEADLINE = 0.9
 """Share of the period after which a cycle closes with what it has: leaves a tenth to compute and publish."""
 
-
-UNUSABLE = SampleStatus.OLD | SampleStatus.UNSETTLED
-"""Of a time that is not known, or of no pressure."""
 
 TIMER_SLACK = 1.5
 """Times the event timer without a frame before a patch that runs freely is silent: frames queue."""
@@ -174,26 +161,6 @@ class ReadingsPlan:
     def new_stamps(self) -> Bytes:
         """Return room for the stamps of all PDOs, (n_frames, 4) uint8, as ``stamped``; zeros."""
         return np.zeros((self.n_frames, 4), np.uint8)
-
-    def judge_stamps(self, stamps: Bytes, free_ns: Ints, now_ns: int) -> tuple[npt.NDArray[np.bool_], Ints]:
-        """Return whether the newest readings of each patch may be used, by what it says, and their ages (ns).
-
-        Both (n_patches,). What comes by a timer alone is older by the time since then, what is sent on a
-        change is not. Those that have not come in time are not used, nor is what says that it is old.
-
-        Args:
-            stamps:  as of ``unpack``.
-            free_ns: (n_frames,) when TPDOs that run freely came, 0 for never.
-        """
-        of_patch, is_used = np.zeros(self.n_patches, np.int64), np.ones(self.n_patches, np.bool_)
-        if not (self.has_free or self.stamped.any()):
-            return is_used, of_patch
-        since_ns = np.maximum(now_ns - free_ns, 0) * self.free
-        age_ns = stamps[:, 2:] @ (1, 256) * AGE_STEP_NS + since_ns * ~self.on_change[self.pdo_patch]
-        is_bad = (stamps[:, 1] & UNUSABLE != 0) | (self.free & (free_ns == 0)) | (since_ns > self.pause_ns)
-        np.maximum.at(of_patch, self.pdo_patch, age_ns)
-        is_used[self.pdo_patch[is_bad]] = False
-        return is_used, of_patch
 
     def unpack(
         self,

@@ -21,6 +21,7 @@ from skinbus.can.frame import CobIds, Frame, FrameBatch, Frames
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import BusError
 from skinbus.estimate import Baseline, Plausibility, TrackState
+from skinbus.master.gather import judge_stamps
 from skinbus.master.level_control import split_flags
 from skinbus.master.patches.supervisor import HEARTBEAT_FACTOR
 from skinbus.master.patches.table import MAX_MISSED, Mask, PatchState
@@ -266,7 +267,7 @@ class ListenedReadings:
         """
         plan = self._plan
         self._free_ns[~is_sending[plan.pdo_patch]] = 0
-        is_used, age_ns = plan.judge_stamps(self._stamps, self._free_ns, t_ns)
+        is_used, age_ns = judge_stamps(plan, self._stamps, self._free_ns, t_ns)
         is_used &= age_ns <= 1_000_000 * self._arm.bus.max_age_ms
         fresh = (self._seen == plan.on_sync) & is_sending & is_used
         self._seen[:] = 0
