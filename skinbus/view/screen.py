@@ -32,7 +32,7 @@ class Screen:
     def render(self, cycle: Cycle | None, width: int = 80, height: int = 24) -> rich.console.Group:
         """Return the screen of a terminal of this size, without the picture where there is no room for it."""
         if cycle is None:
-            return rich.console.Group(Text("waiting for the first cycle ...", style="yellow"))
+            return rich.console.Group(Text("waiting for a cycle ...", style="yellow"))
         lost = cycle.patch_records["last_fresh_ns"] < cycle.t_ns
         head = Text(
             f"{self._arm.name}  SYNC {cycle.counter:3d}  patches {(~lost).sum()}/{len(lost)}  "

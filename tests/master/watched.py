@@ -26,7 +26,8 @@ class Watched:
         )
         self.estimator = Estimator(self.arm, level="fit")
         self.health = Health(self.cycle)
-        self.taken = self.health.resume(tables) if tables is not None else 0
+        if tables:
+            self.health.resume(tables)
         n = self.arm.n_tactels
         self.zero, self.noise, self.gain = np.zeros(n), np.full(n, 200.0), np.ones(n)
         self.t_ns = NS

@@ -55,12 +55,17 @@ def command(arm: str, where: Where, is_stream: bool, seconds: float | None) -> N
                 newest = cycle
                 if is_stream:
                     echo(line_of(cycle))
-            show(newest if newest and newest.age_s < SILENT_S else None)
+            show(_still(newest))
     if newest is None:
         echo("nothing of a master was received: does one run on this bus?", err=True)
         raise SystemExit(1)
     if not (is_stream or console.is_terminal):
-        console.print(Screen(loaded).render(newest))
+        console.print(Screen(loaded).render(_still(newest)))
+
+
+def _still(cycle: Cycle | None) -> Cycle | None:
+    """Return a cycle unless its master has gone since."""
+    return cycle if cycle and cycle.age_s < SILENT_S else None
 
 
 def line_of(cycle: Cycle) -> str:

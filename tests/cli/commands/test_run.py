@@ -16,9 +16,13 @@ from skinbus.bus.udp_multicast import MulticastBus
 from skinbus.config.arm_file import find_arm
 from skinbus.config.state_file import StateFile
 from skinbus.errors import ShareError
+from skinbus.skin.feed import Feed
+from skinbus.skin.skin import Skin
+from tests.cli.invoke import run
 from tests.cli.patience import PATIENCE_S, wait_until
 from tests.files import put
 from tests.master.restarting import SCENE as HELD_SCENE
+from tests.skin.scripted import LAYOUT, made_cycle
 
 EDS = Path(__file__).parents[3] / "eds" / "skin-master.eds"
 SCENE = """
@@ -130,6 +134,13 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
 def test_monitor_without_a_master_is_status_1_and_says_so(own_bus):
     said = own_bus.run("monitor", "pad", "--seconds", "0.3", status=1)
     assert "nothing of a master was received" in said
+
+
+def test_monitor_does_not_show_a_cycle_of_a_master_that_has_gone(monkeypatch):
+    feed = Feed(LAYOUT, "a test")
+    feed.push(made_cycle(1, 0, age_ns=10_000_000_000))
+    monkeypatch.setattr("skinbus.cli.commands.monitor.listen", lambda arm, **settings: Skin(feed))
+    assert "waiting for a cycle" in run("monitor", "pad", "--seconds", "0.3")
 
 
 KEPT_S = 25.0
