@@ -5,6 +5,7 @@ import struct
 import numpy as np
 
 from skinbus.can.frame import Frame
+from skinbus.config.system import load_arm
 from skinbus.objects import cia
 from tests.master.misbehaving import Delayed
 from tests.master.rig import Rig
@@ -56,7 +57,8 @@ class MisbehavingRig(Rig):
     """A master of such patches; ``violations`` are readings that were used as fresh and are not."""
 
     def __init__(self, scene):
-        super().__init__(scene, Misbehaving, level="kmeans")  # contacts are not looked at
+        arm = load_arm("pad").with_rate(50.0) if scene == "pad" else None
+        super().__init__(scene, Misbehaving, arm, level="kmeans")  # contacts are not looked at
         self.violations = []
         self.period_ns = self.master.period_ns
 
@@ -75,6 +77,6 @@ class MisbehavingRig(Rig):
 def booted(scene):
     """Return a rig whose patches all are fresh."""
     rig = MisbehavingRig(scene)
-    rig.run(1300)
-    assert rig.fresh(200).all()
+    rig.run(1200)
+    assert rig.fresh(100).all()
     return rig

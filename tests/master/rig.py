@@ -59,10 +59,10 @@ class Patches(Wrapped):
 
 
 class Rig:
-    """Everything that a test looks at; ``boards`` wraps the world."""
+    """Everything that a test looks at; ``boards`` wraps the world. ``arm`` replaces that of the scene."""
 
-    def __init__(self, scene_name, boards=Patches, **settings):
-        self.scene = load_scene(scene_name)
+    def __init__(self, scene_name, boards=Patches, arm=None, **settings):
+        self.scene = load_scene(scene_name, arm=arm)
         self.world = World(self.scene)
         self.patches = boards(self.world)
         self.reports, self.events, self.frames = [], [], []
