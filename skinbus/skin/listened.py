@@ -136,24 +136,25 @@ class ListenCore(Core):
     def take(self, now_ns: int, batch: FrameBatch) -> None:
         """Note which patches send readings, and what."""
         frames = batch.frames[: batch.n]
-        patches = self._sent_by[frames["bus"], frames["can_id"]]
-        self._fresh_ns[patches[patches >= 0]] = now_ns
+        patches = self._sent_by[frames["bus"], frames["can_id"]]  # of all: these are their identifiers
+        self._fresh_ns[patches] = batch.t_ns[: batch.n]
         if self.readings:
             self.readings.take(batch)
 
     def step(self, now_ns: int, frames: Frames) -> Step:
         """Take frames; return requests to the master."""
-        for frame in frames:
+        for frame in frames:  # they may have waited: what they say is as old as they are
+            at_ns = min(frame.t_ns, now_ns)
             p = self._sent_by[frame.bus, frame.can_id] if frame.can_id < N_IDS else -1
             if p >= 0:
-                self._heard_ns[p] = now_ns
+                self._heard_ns[p] = at_ns
                 if frame.can_id < cia.HEARTBEAT_BASE and len(frame.data) >= 2:
                     self._emcy[p] = int.from_bytes(frame.data[:2], "little")
             elif frame.bus == 0:  # contacts are published on all buses alike
-                for heard in self._listener.take(now_ns, frame):
-                    self._end_readings(now_ns)
+                for heard in self._listener.take(at_ns, frame):
+                    self._end_readings(at_ns)
                     self._end_cycle(heard)
-                self._end_readings(now_ns)
+                self._end_readings(at_ns)
         return Step(self._request(now_ns, frames), (), now_ns + LOOK_NS)
 
     def _end_readings(self, now_ns: int) -> None:
