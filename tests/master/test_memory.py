@@ -2,6 +2,7 @@
 
 import json
 import struct
+from copy import deepcopy
 
 import numpy as np
 import pytest
@@ -47,10 +48,6 @@ class Story:
         self.after, _, _ = restarts.run(500)
         self.last = restarts.master.cycle.tracker.last
 
-    def copy(self):
-        """The state, to be changed."""
-        return json.loads(json.dumps(self.tables))
-
 
 @pytest.fixture(scope="module")
 def story(tmp_path_factory):
@@ -84,7 +81,7 @@ def test_an_old_state_is_not_trusted_and_says_of_which_tactels(story):
 
 
 def test_another_board_or_calibration_begins_anew(story):
-    tables = story.copy()
+    tables = deepcopy(story.tables)
     (patch,) = tables["patches"].values()
     patch["board"] = "7:16:00000000"
     found = story.restarts.start(tables, 1.0)
@@ -92,7 +89,7 @@ def test_another_board_or_calibration_begins_anew(story):
 
 
 def test_a_board_that_was_replaced_while_no_master_ran_has_no_zero_of_the_one_before(story):
-    tables = story.copy()
+    tables = deepcopy(story.tables)
     tables["patches"]["/1"]["serial"] = [11] * 16
     story.restarts.start(tables, 1.0)
     story.restarts.device(1).set(0x1018, 4, 12)
