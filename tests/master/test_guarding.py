@@ -15,6 +15,8 @@ from skinbus.objects.guard import GuardLimits
 from tests.files import put
 from tests.master.rig import Rig
 
+pytestmark = pytest.mark.slow
+
 DEAD = 5
 """Tactel of the second board."""
 rng = np.random.default_rng(1)
@@ -180,7 +182,6 @@ def test_limits_are_there_from_the_first_zero_of_a_patch_on_and_then_before_it_s
     assert cleared[:2] == bytes(2)
 
 
-@pytest.mark.slow
 def test_limits_follow_zeros_unless_the_patch_is_touched(rig):
     assert news(rig, 2500) == ["patches 1, 2", ""]
     first = held(rig, 1)
@@ -206,7 +207,6 @@ def test_limits_follow_zeros_unless_the_patch_is_touched(rig):
     assert held(rig, 1)
 
 
-@pytest.mark.slow
 def test_patches_that_are_lost_or_have_implausible_tactels_do_not_guard(rig):
     rig.run(2500)
     rig.patches.changes = {1: lambda tpdo, counts: np.where(tpdo == 0, -0x8000, counts)}
@@ -216,7 +216,6 @@ def test_patches_that_are_lost_or_have_implausible_tactels_do_not_guard(rig):
     assert news(rig, 4000) == ["patches 1, 2"]
 
 
-@pytest.mark.slow
 def test_a_patch_that_does_not_hold_its_limits_is_not_started(rig):
     passed_on = rig.patches.shifted
 
@@ -236,7 +235,6 @@ def test_a_patch_that_does_not_hold_its_limits_is_not_started(rig):
     assert rig.state(1) == PatchState.OPERATIONAL
 
 
-@pytest.mark.slow
 def test_limits_are_written_anew_when_somebody_may_have_written_unheard(rig):
     rig.run(3000)
     first = held(rig, 1)

@@ -10,6 +10,8 @@ from skinbus.objects import profile
 from skinbus.objects.eds import load_eds
 from tests.master.rig import Rig
 
+pytestmark = pytest.mark.slow
+
 OD = load_eds("skin-master", 127)
 COB_ID, TPDO_18 = 0x691, 0x1811
 QUALITY_COB_ID, TPDO_21 = 0x6A1, 0x1814
@@ -32,7 +34,6 @@ def shown(master, name, sub=1):
     return master.device.get(index, member or sub)
 
 
-@pytest.mark.slow
 def test_objects_show_the_loads_of_the_newest_cycle(pressed):
     master, reports, _ = pressed
     loads, arm = reports[-1].loads, master.arm

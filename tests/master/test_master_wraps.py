@@ -23,17 +23,14 @@ def published(uptime_ns):
     wire.run(uptime_ns)
     wire.attach(rig.patches)
     wire.attach(rig.master)
-    wire.run(uptime_ns + 1500 * MS)
+    wire.run(uptime_ns + 1200 * MS)
     return [(frame.can_id, frame.data) for frame in frames]
 
 
-@pytest.fixture(scope="module")
-def fresh():
-    return published(0)
-
-
-@pytest.mark.parametrize("uptime_ns", UPTIMES_NS.values(), ids=UPTIMES_NS)
-def test_what_is_published_does_not_depend_on_how_long_the_clock_has_run(fresh, uptime_ns):
+@pytest.mark.slow
+def test_what_is_published_does_not_depend_on_how_long_the_clock_has_run():
     """The time wraps in the middle of the run where it is kept in too few bits."""
+    fresh = published(0)
     assert any(0x681 <= can_id <= 0x690 for can_id, _ in fresh)
-    assert published(uptime_ns) == fresh
+    for name, uptime_ns in UPTIMES_NS.items():
+        assert published(uptime_ns) == fresh, name
