@@ -1,6 +1,6 @@
 """Effects of a real skin with the law that ships: contacts are true within what they say, or flagged.
 
-Fingers press and let go in random places of the arm "pad"; the master runs as it is delivered.
+Fingers press and let go in random places of boards; the master runs as it is delivered.
 """
 
 import numpy as np
@@ -35,27 +35,29 @@ CASES = [(name, level) for name in EFFECTS for level in ("fit", "full")]
 CASES.remove(("zeros move in a touch", "full"))
 
 
-def scene_of(name):
-    """A scene file with touches at random places under an effect."""
+def write_scene(folder, name):
+    """Write a scene with a touch at a random place of each board under an effect; return its path."""
     shape, effects = EFFECTS[name]
-    rng, text = np.random.default_rng(SEED), ""
-    n, on_s, off_s = (1, 25.0, 1.0) if name == "zeros move in a touch" else (N_TOUCHES, 0.5, 0.4)
-    for k in range(n):
+    rate_hz, end_s = (12.5, 26.0) if name == "zeros move in a touch" else (100.0, 1.5)
+    rng, arm, scene = np.random.default_rng(SEED), f'[arm]\nname = "boards"\nrate_hz = {rate_hz}\n', ""
+    arm += f'[[link]]\nname = "plate"\nsurface = "plane"\nlength_mm = {100.0 * N_TOUCHES}\nwidth_mm = 50.0\n'
+    for k in range(N_TOUCHES):
+        arm += f'[[patch]]\nnode_id = {k + 1}\nlink = "plate"\n'
+        arm += f's_mm = {100.0 * k + 50.0}\neds = "skin-patch"\n'
         s, a = rng.uniform(MARGIN_MM, 50.0 - MARGIN_MM), rng.uniform(MARGIN_MM - 25.0, 25.0 - MARGIN_MM)
-        begin = 1.0 + k * (on_s + off_s)
-        text += (
-            f'[[touch]]\nlink = "plate"\n{shape}\ns_mm = {s:.2f}\na_mm = {a:.2f}\n'
-            f"force_n = {rng.uniform(2.0, 10.0):.2f}\nstart_s = {begin:.3f}\nend_s = {begin + on_s:.3f}\n"
+        scene += (
+            f'[[touch]]\nlink = "plate"\n{shape}\ns_mm = {100.0 * k + 25.0 + s:.2f}\na_mm = {a:.2f}\n'
+            f"force_n = {rng.uniform(2.0, 10.0):.2f}\nstart_s = 1.0\nend_s = {end_s}\n"
         )
-    duration_s = begin + on_s + 0.5
-    head = f'[scene]\ntitle = "{name}"\narm = "pad"\nseed = {SEED}\nduration_s = {duration_s:.1f}\n'
-    return f"{head}{text}{effects}\n[effect.noise]\n"
+    put(folder, "arm.toml", arm)
+    head = f'[scene]\ntitle = "{name}"\narm = "arm.toml"\nseed = {SEED}\nduration_s = {end_s + 0.5}\n'
+    return put(folder, "scene.toml", f"{head}{scene}{effects}\n[effect.noise]\n")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "level"), CASES)
 def test_contacts_are_within_six_sd_or_flagged(name, level, tmp_path):
-    scene = put(tmp_path, "scene.toml", scene_of(name))
+    scene = write_scene(tmp_path, name)
     n_touches = n_missed = 0
     with skinbus.simulate(scene, level=level) as skin:
         for cycle in skin:
