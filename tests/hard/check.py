@@ -1,6 +1,7 @@
 """What must hold in every hard case, and what a case asks on top; measured and judged for one level."""
 
 import math
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -45,10 +46,14 @@ class Must(NamedTuple):
     kmeans_count: tuple | None = None
 
 
+estimator_of = lru_cache(36)(Estimator)
+"""Most cases are of the same arms: that no cycle leaves a trace is one of the things that must hold."""
+
+
 def run_case(must, situation, level):
     """What a level makes of a situation, and its ``faults``, none if everything held."""
     arm, before = situation.arm, situation.pressures.copy()
-    estimator = Estimator(arm, level)
+    estimator = estimator_of(arm, level)
     contacts = estimator.update(situation.pressures, 1, situation.valid)
     work = estimator.n_evaluated
     faults = check_contacts(arm, contacts, level) + _check_same(estimator, situation, contacts)

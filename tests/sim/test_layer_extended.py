@@ -26,11 +26,9 @@ def board(pitch=6.25e-3, n=8):
 def pressures(arm, indenter, place, *, thickness_mm, tactel, force=10.0):
     geometry = Geometry.of(arm, discs=tactel == "disc")
     law = Elastic(thickness_mm=thickness_mm).bind(geometry, [indenter])
-    loads = Loads(1)
-    loads.n, loads.force[0] = 1, force
-    loads.s[0], loads.a[0], loads.yaw[0] = place
+    s, a, yaw = place
     out = np.zeros(arm.n_tactels)
-    law.add(loads, out)
+    law.add(Loads(1, s=s, a=a, yaw=yaw, force=force), out)
     return out
 
 
@@ -49,7 +47,7 @@ def integrated(arm, indenter, place, *, thickness_mm, tactel, force=10.0):
         parts = indenter.length * (middles(2000) - 0.5)
         share = np.ones(2000)
     else:  # the paraboloid over the ellipse
-        r, angle = np.meshgrid(middles(300), 2.0 * np.pi * middles(360))
+        r, angle = np.meshgrid(middles(180), 2.0 * np.pi * middles(240))
         parts = 0.5 * (r * (indenter.length * np.cos(angle) + 1j * indenter.width * np.sin(angle))).ravel()
         share = (r * (1.0 - r * r)).ravel()
     share = share / share.sum()

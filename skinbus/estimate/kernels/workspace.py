@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
@@ -152,5 +153,8 @@ def make_search(lay: Layout) -> Search:
 
 def _zeros(of: type, shapes: dict[str, Any]) -> dict[str, Any]:
     """Return an array of zeros for each field of a tuple, of the type that the field has."""
-    kinds = get_type_hints(of)
+    kinds = _hints(of)
     return {name: np.zeros(shape, get_args(get_args(kinds[name])[1])[0]) for name, shape in shapes.items()}
+
+
+_hints = cache(get_type_hints)  # they take a third of the time of a new estimator
