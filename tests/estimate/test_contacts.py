@@ -1,6 +1,7 @@
 """What an estimator promises of contacts: counted, in place, and true within their covariance or flagged."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,14 +14,14 @@ from tests.hard.ground import LAWS, NOISE, THRESHOLD, Ground, law_of, pressures_
 from tests.marks import fits
 from tests.skins import cone_forearm, feel_of, shipped_law
 
-laws = pytest.mark.parametrize("law", LAWS)
+laws, loaded = pytest.mark.parametrize("law", LAWS), cache(load_arm)
 
 
 class Skin:
     """A shipped arm under discs of one diameter, by the simulator's physics."""
 
     def __init__(self, name, diameter, seed):
-        self.arm = load_arm(name)
+        self.arm = loaded(name)
         self.rng = np.random.default_rng(seed)
         self._noise = np.random.default_rng(3)
         self._feel = feel_of(self.arm, Elastic(), 0.5 * diameter)

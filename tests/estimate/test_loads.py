@@ -150,9 +150,9 @@ def test_contacts_that_do_not_add_up_to_the_load_are_extended_and_others_are_not
     a_meter = meter(8, 6.25e-3)
     estimator = Estimator(a_meter.arm, "fit")
     share = {}
-    for name in ("palm", "edge", "four fingers"):
+    for name, n_presses in {"palm": 6, "edge": 6, "four fingers": 20}.items():
         presses, flagged, n = Presses(a_meter.arm, name, 38), 0, 0
-        for t in range(20):
+        for t in range(n_presses):
             pressures, _, _ = presses.read()
             contacts = estimator.update(pressures, t)
             a_meter.flag_extended(contacts, measured(a_meter, pressures))

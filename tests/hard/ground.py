@@ -90,13 +90,13 @@ def touch(arm, patch, u, v, force):
 
 def pressures_under(arm, touches):
     """What the tactels of an arm feel of touches by each patch's own law, without noise, Pa."""
-    total = np.zeros(arm.n_tactels)
-    for link, s, a, force in touches:
-        for p, placed in enumerate(arm.patches):
-            if placed.link == link:
-                on = arm.tactels_of(p)
-                d = arm.links[link].surface.distance(s, a, arm.tactel_s[on], arm.tactel_a[on])
-                total[on] += placed.patch.law.pressure(d, force)
+    total, boards = np.zeros(arm.n_tactels), {}
+    for p, placed in enumerate(arm.patches):
+        boards.setdefault((placed.link, placed.patch.law), []).append(arm.tactels_of(p))
+    for (link, law), tactels in boards.items():
+        on, surface = np.r_[*tactels], arm.links[link].surface
+        for _, s, a, force in (touch for touch in touches if touch[0] == link):
+            total[on] += law.pressure(surface.distance(s, a, arm.tactel_s[on], arm.tactel_a[on]), force)
     return total
 
 

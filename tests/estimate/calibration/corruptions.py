@@ -191,4 +191,3 @@ CORRUPTIONS = {
     **{f"outliers of {what}": outliers(what) for what in ("place", "force", "readings")},
 }
 """Names and what makes a table of presses wrong: (table, rng) -> table."""
-QUICK = ("s and a swapped", "boards mirrored", "boards exchanged")

@@ -16,7 +16,6 @@ from skinbus.model.patch import grid
 from tests.estimate.calibration.corruptions import (
     CORRUPTIONS,
     MIRRORED,
-    QUICK,
     PressedBoards,
     boards_exchanged,
     in_unit,
@@ -28,18 +27,16 @@ from tests.estimate.surrogate import Surrogate
 from tests.skins import shipped_law
 
 SEED = 20261123
+pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in CORRUPTIONS]
-)
+@pytest.mark.parametrize("name", CORRUPTIONS)
 def test_no_corruption_is_accepted_with_an_error(name):
     n_boards = 2 if name == "boards exchanged" else 1
     _, words = outcome([SEED, 1, list(CORRUPTIONS).index(name)], CORRUPTIONS[name], n_boards)
     assert not words.startswith("WRONG"), words
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("k", range(3))
 def test_good_presses_are_accepted_and_the_error_to_expect_is_the_true_one(k):
     boards = PressedBoards.draw(np.random.default_rng([SEED, 3, k]))
@@ -60,7 +57,6 @@ def said(table):
     return " ".join(judge(table).faults)
 
 
-@pytest.mark.slow
 def test_axes_units_and_boards_that_fit_are_named(boards):
     table, rng = boards.table, np.random.default_rng(SEED)
     for corrupt, words in (
@@ -73,7 +69,6 @@ def test_axes_units_and_boards_that_fit_are_named(boards):
         assert words in said(corrupt(table, rng))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("factor", "by", "unit", "other"),
     [(1e3, 1.0, "mN", "kN"), (1e-3, 1.0, "kN", "mN"), (1.0, 1e-3, "mN, or readings in kPa", "kN")],
@@ -85,7 +80,6 @@ def test_forces_or_readings_in_another_unit_are_refused_with_that_unit(boards, f
     assert f"force_n in {other}" not in words
 
 
-@pytest.mark.slow
 def test_the_error_to_expect_is_that_of_the_law_with_its_map():
     """An array whose residuals a map halves: without it places would be wrong by 1.2 mm, not 0.15 mm."""
     surrogate = Surrogate(np.random.default_rng(1))
@@ -111,7 +105,6 @@ def test_the_error_to_expect_is_that_of_the_law_with_its_map():
     assert 0.7 * true < judgement.place_error < 1.4 * true
 
 
-@pytest.mark.slow
 def test_readings_whose_zeros_were_not_taken_off_are_refused_with_how_large_they_are(boards):
     table, rng = boards.table, np.random.default_rng([SEED, 8])
     zero = rng.uniform(3e3, 6e3, table.arm.n_tactels)
@@ -120,7 +113,6 @@ def test_readings_whose_zeros_were_not_taken_off_are_refused_with_how_large_they
     assert "force_n 0" in words
 
 
-@pytest.mark.slow
 def test_rows_that_do_not_go_with_the_others_are_left_out_and_listed(boards):
     table = boards.table
     s, wrong = table.s.copy(), [7, 30, 41]
@@ -138,7 +130,6 @@ def test_too_few_and_badly_spread_presses_are_refused_with_what_is_missing(board
     assert "gains there are not known" in said(table.only(table.uv()[:, 0] < 0.0))
 
 
-@pytest.mark.slow
 def test_error_to_expect_of_presses_on_a_grid_is_that_where_it_has_none():
     """Those on tactels read a tenth too much: only calibrations from the others can show it."""
     rng, law = np.random.default_rng([SEED, 6]), shipped_law()
