@@ -274,7 +274,7 @@ class _Fit:
         self._learns_exponent = force.max() >= MIN_FORCE_RATIO * force.min()
         # the standard deviation that rounding alone gives a reading, Pa
         self._floor = np.maximum(step_of(arm) / math.sqrt(12.0), 1e-9 * peak)
-        self._unmatched = TRUEST * peak
+        self._unmatched = (TRUEST * peak) ** 2
         self.table, self.exponent = np.zeros(POINTS - 1), 1.0
         self.tactels = _Unknowns(tactel, arm.n_tactels, np.array(TACTEL_SD) * (1.0, 1.0, peak))
         """Logarithms of gain and width, offset (Pa)."""
@@ -320,9 +320,9 @@ class _Fit:
         """
         if choose:
             # the inverse variance, less for large residuals, 0 for outliers
-            variance = self.variance + self._unmatched**2
+            variance = self.variance + self._unmatched
             off = np.abs(self.residuals) / np.sqrt(variance) if self.table.any() else 0.0 * self._p
-            self._trust = self.kept * np.minimum(1.0, HUBER / np.maximum(off, HUBER)) / variance
+            self._trust = self.kept * (HUBER / np.maximum(off, HUBER)) / variance
         self._fit_law(choose=choose)
         self._predict(moved=False)
         slopes = np.column_stack([self.pressed, -self.d * self._by_distance, np.ones(len(self._p))])
@@ -364,7 +364,7 @@ class _Fit:
         by_law = np.einsum("ri,ij,rj->r", self._rows, self._covariance, self._rows)
         taken_up = by_law + self.tactels.taken_up + self.presses.taken_up
         at = np.minimum(self.d / REACH * BINS, BINS - 1.0).astype(np.intp)
-        sd = np.sqrt(self.variance + self._unmatched**2)
+        sd = np.sqrt(self.variance + self._unmatched)
         square = np.minimum(left**2, (CLIP * sd) ** 2) / (1.0 - np.minimum(taken_up, MOST_LEVERAGE))
 
         def by_bin(x: Floats) -> Floats:
@@ -393,7 +393,7 @@ class _Fit:
 
     def find_outliers(self) -> None:
         """Leave out the presses whose residuals deviate far more than those of the others."""
-        z2 = self.residuals**2 / (self.variance + self._unmatched**2)
+        z2 = self.residuals**2 / (self.variance + self._unmatched)
         score = np.sqrt(self.presses.sum @ z2 / np.maximum(self.presses.count, 1.0))
         seen = score[self.presses.known]
         worst = np.quantile(seen, 1.0 - OUTLIER_SHARE)

@@ -63,12 +63,9 @@ def readings(effect, places, seed=7):
     geometry = Geometry.of(ARM, discs=False)
     effect.bind(ARM, stream(seed, "response"))(geometry)
     law = Elastic().bind(geometry, [Indenter()])
-    loads = Loads(1)
-    loads.n, loads.force[0] = 1, 1.0
     out = np.zeros((len(places), ARM.n_tactels))
     for row, (s, a) in zip(out, places, strict=True):
-        loads.s[0], loads.a[0] = s, a
-        law.add(loads, row)
+        law.add(Loads(1, s=s, a=a, force=1.0), row)
     return out
 
 
@@ -86,7 +83,7 @@ def test_gain_multiplies_all_that_a_tactel_reads():
 
 @pytest.mark.slow
 def test_width_and_ellipse_keep_the_force_that_a_tactel_sees():
-    x = np.arange(-30e-3, 30.1e-3, 0.5e-3)
+    x = np.arange(-30e-3, 30.1e-3, 1e-3)
     grid_of_loads = np.array([[0.03 + u, v] for u in x for v in x])
     middle = int(np.argmin(np.hypot(ARM.tactel_s - 0.03, ARM.tactel_a)))
     centre = over_tactels()[middle]
@@ -103,7 +100,7 @@ def test_width_and_ellipse_keep_the_force_that_a_tactel_sees():
 @pytest.mark.slow
 def test_residual_has_its_profile_over_distance():
     rng = np.random.default_rng(3)
-    places = np.column_stack([rng.uniform(0.0, 0.06, 4000), rng.uniform(-0.03, 0.03, 4000)])
+    places = np.column_stack([rng.uniform(0.0, 0.06, 1500), rng.uniform(-0.03, 0.03, 1500)])
     plain = readings(Response(**QUIET), places)
     with_it = readings(Response(**{**QUIET, "residual": 0.009}), places)
     d = np.hypot(places[:, :1] - ARM.tactel_s, places[:, 1:] - ARM.tactel_a)
