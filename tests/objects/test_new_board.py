@@ -26,14 +26,16 @@ BOARDS = [
 ]
 
 
-@pytest.fixture(params=BOARDS, ids=lambda board: f"{board[0]}x{board[1]}-{board[3]}{'-fd' * board[4]}")
-def made(request, tmp_path):
+@pytest.fixture(
+    params=BOARDS, ids=lambda board: f"{board[0]}x{board[1]}-{board[3]}{'-fd' * board[4]}", scope="module"
+)
+def made(request, tmp_path_factory):
     columns, rows, pitch_mm, bits, canfd, *wanted = request.param
     pitch = 1e-3 * pitch_mm
     board = NewBoard(
         name="my.eds", tactels_uv=grid(columns, rows, pitch), pitch=pitch, bits=bits, canfd=canfd
     )
-    path = put(tmp_path, "my.eds", board.text())
+    path = put(tmp_path_factory.mktemp("made"), "my.eds", board.text())
     assert [board.reading_bits, len(board.mapped)] == wanted
     return board, path
 
