@@ -17,7 +17,6 @@ from skinbus.objects.program_image import read_image
 from tests.firmware.firmware_device import EMPTY, PAGE, FirmwareDevice, code_of
 from tests.firmware.images import make_image
 from tests.firmware.traffic import Traffic
-from tests.marks import slow
 
 NODE = 5
 BOARD = 0x534B4E42, 0x5001
@@ -66,7 +65,8 @@ def running(device):
     return int.from_bytes(device.step(10**9, [asked]).frames[0].data[4:], "little")
 
 
-@pytest.mark.parametrize(("board", "n_losses"), [(Firmware, 100), *slow((Firmware, 300), (Simulated, 100))])
+@pytest.mark.slow
+@pytest.mark.parametrize(("board", "n_losses"), [(Firmware, 300), (Simulated, 100)])
 def test_loss_of_power_at_any_frame_leaves_the_old_program_or_the_new(board, n_losses):
     """Also within a word and within an erasing; the next download goes on from there."""
     rng, own, counts = random.Random(4), board(), [0, 0]

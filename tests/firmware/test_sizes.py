@@ -33,6 +33,7 @@ def compiler(cpu):
     return [sys.executable, "-m", "ziglang", "cc", *target, *places]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cpu", ["cortex-m0plus", "cortex-m4"])
 def test_firmware_for_a_microcontroller_is_small(tmp_path, cpu):
     command = compiler(cpu)
