@@ -199,7 +199,7 @@ def _response(flow: _Flow, n: int, errors: ErrorModel) -> int | None:
     """Return the worst response time of the n-th message of a flow, over all instances of its busy period."""
     m, c, longest = flow.messages[n], flow.ns[n], max(flow.ns[: n + 1])
     blocking = max(flow.ns[n + 1 :], default=0)
-    if load(flow.messages[: n + 1], flow.bitrate) >= 1.0:
+    if flow.loads[n] >= 1.0:
         return None
     limit = 1000 * max(k.period_ns + k.jitter_ns for k in flow.messages)
 
@@ -237,6 +237,8 @@ class _Flow:
         self._period = np.array([m.period_ns for m in self.messages], np.int64)
         self._late = np.array([m.jitter_ns for m in self.messages], np.int64) + self.bit_ns
         self._ns = np.array(self.ns, np.int64)
+        self.loads = np.cumsum(self._ns / self._period)
+        """Share of the bus that the first messages take at worst."""
 
     def arrivals(self, window: int, n: int | None = None) -> int:
         """Return the time of all frames of the first n messages that can be released within a window, ns.
