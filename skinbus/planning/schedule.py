@@ -235,8 +235,8 @@ class _Flow:
         self.bitrate, self.bit_ns = bitrate, frame_ns(1, bitrate)
         self.ns = [m.ns(bitrate) for m in self.messages]
         self._period = np.array([m.period_ns for m in self.messages], np.int64)
-        self._late = np.array([m.jitter_ns for m in self.messages], np.int64) + self.bit_ns
-        self._ns = np.array(self.ns, np.int64)
+        self._late = np.array([m.jitter_ns for m in self.messages]) + self.bit_ns
+        self._ns = np.array(self.ns)
         self.loads = np.cumsum(self._ns / self._period)
         """Share of the bus that the first messages take at worst."""
 
