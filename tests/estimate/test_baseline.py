@@ -25,7 +25,7 @@ def make_arm():
 
 
 ARM = make_arm()
-N = ARM.n_tactels
+N, WITHOUT_0 = ARM.n_tactels, np.arange(ARM.n_patches) > 0
 
 
 def press(s, a, force):
@@ -58,7 +58,7 @@ def skin():
 def test_a_patch_that_is_silent_is_not_zeroed_by_what_it_read_before(skin):
     skin.read(seconds=1.0)
     skin.read(press(0.1, 0.0, 5.0))
-    skin.read(seconds=1.0, fresh=[False, True, True])
+    skin.read(seconds=1.0, fresh=WITHOUT_0)
     skin.baseline.zero()
     assert np.abs(skin.baseline.zeros).max() < 5.0 * SIGMA
     assert np.abs(skin.read()).max() < 5.0 * SIGMA
@@ -160,16 +160,16 @@ def test_zero_that_drifts_out_of_its_band_takes_its_tactel_out(skin):
 
 @pytest.mark.parametrize("has_started", [True, False])
 def test_patch_that_falls_silent_while_touched_holds_up_its_neighbour_for_a_time_only(skin, has_started):
-    touch, without_0 = np.where(ARM.tactel_patch == 0, 20e3, 0.0), np.arange(ARM.n_patches) > 0
+    touch = np.where(ARM.tactel_patch == 0, 20e3, 0.0)
     drifted = np.where(ARM.tactel_patch == 1, 300.0, 0.0)
     if has_started:
         skin.read(seconds=2.0)
     skin.read(touch, seconds=0.2)
     zeros = skin.baseline.zeros
-    skin.read(drifted, seconds=0.8 * FORGET_S, fresh=without_0)
+    skin.read(drifted, seconds=0.8 * FORGET_S, fresh=WITHOUT_0)
     beside = ARM.tactels_of(1)
     np.testing.assert_array_equal(skin.baseline.zeros[beside], zeros[beside], "it may be back any moment")
-    skin.read(drifted, seconds=120.0, period_ns=SLOW_NS, fresh=without_0)
+    skin.read(drifted, seconds=120.0, period_ns=SLOW_NS, fresh=WITHOUT_0)
     np.testing.assert_allclose(skin.baseline.zeros[beside], 300.0, atol=50.0)
     skin.read(touch + drifted, fresh=None)
     assert skin.baseline.touched[ARM.tactels_of(0)].all(), "back, and still touched"
