@@ -209,7 +209,7 @@ class LoadMeter:
         may be larger, up to the forces. The deviation of a contact that misfits is no excuse.
         """
         link, m, variance = contacts.link, len(self.arm.links), contacts.covariance[:, 2, 2]
-        sure = np.where(contacts.quality & Quality.MISFIT, 0.0, variance)
+        sure = np.where(contacts.quality & Quality.MISFIT.value, 0.0, variance)
         more = loads.links.force - _sums(link, contacts.force, m)
         spread = loads.links.force_sd**2 + _sums(link, sure, m)
         open_ended = (_sums(self.arm.patch_link, loads.at_least, m) > 0.0) & (more < 0.0)
@@ -244,7 +244,7 @@ def _cells(arm: Arm, p: int, near: Bools) -> tuple[Floats, Floats]:
     s, a = arm.on_link(p, uv)
     step = patch.pitch / FINENESS
     own, weight = _off(arm, p, s, a), np.full(len(uv), step * step)
-    (rim,) = np.nonzero(own)
+    rim = own > 0.0
     others = [_off(arm, q, s[rim], a[rim]) for q in np.flatnonzero(near).tolist() if q != p]
     own, other = own[rim], np.min(others, axis=0, initial=np.inf)
     # of a seam a board has the nearer half, to the fraction of a step

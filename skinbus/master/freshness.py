@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skinbus.master.patches.table import Mask, PatchState, PatchTable
+from skinbus.master.patches.table import SILENT, Mask, PatchTable
 from skinbus.objects.readings import ReadingsPlan
 
 GAP = 2
@@ -122,7 +122,7 @@ class Freshness:
         """
         starts, last_ns = table.starts, self.answers.last_ns
         anew = starts != self._starts
-        is_silent = table.state == PatchState.SILENT
+        is_silent = table.state == SILENT
         gone = anew | is_silent & ~self._was_silent
         self._was_silent = is_silent
         self.answers.free_ns[gone[self._plan.pdo_patch]] = 0

@@ -28,7 +28,7 @@ from skinbus.master.guarding import Guarding
 from skinbus.master.level_control import TPDO_BITS, CycleFlags, LevelControl
 from skinbus.master.other_master import Contest
 from skinbus.master.patches.provisioning import expected_nodes
-from skinbus.master.patches.table import Mask, PatchState, PatchTable
+from skinbus.master.patches.table import OPERATIONAL, Mask, PatchTable
 from skinbus.master.publish import Publisher
 from skinbus.model import Arm
 from skinbus.model.validation import check_arm
@@ -281,7 +281,7 @@ class Master(Core):
         if self._n_left_out:
             self.device.skip_sync()
         # silent ones are waited for only when they have answered in full
-        is_heard = (self.table.state == PatchState.OPERATIONAL) | self.gather.has_answered
+        is_heard = (self.table.state == OPERATIONAL) | self.gather.has_answered
         self._open(now_ns, answering & is_running & is_heard, counter)
 
     def _open(self, now_ns: int, owing: Mask, counter: int = 0) -> None:

@@ -127,7 +127,7 @@ class Network:
         And how many tactels of each patch have been touched ever since power came.
         """
         self._states[:] = 0  # what clients asked for
-        self._states[self._rows] = np.where(table.state == PatchState.ABSENT, MISSING, table.nmt)
+        self._states[self._rows] = np.where(table.state == PatchState.ABSENT.value, MISSING, table.nmt)
         self._states[self._device.node_id - 1] = self._device.nmt_state
         count = np.add.reduceat(self._baseline.suspect, self._arm.patch_start[:-1], dtype=np.int64)
         self._suspect[self._rows] = count[self._arm.patches_on(self._bus)]
