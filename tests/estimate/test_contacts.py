@@ -75,7 +75,6 @@ def test_full_counts_four_to_nine_touches_two_pitches_apart(law):
     assert max(off) <= 0.1
 
 
-@pytest.mark.slow
 @laws
 @fits
 def test_work_grows_with_the_number_of_contacts(law, level):

@@ -54,8 +54,8 @@ def test_offset_below_the_threshold_is_no_contact(arm, level, boards, with_basel
 def test_held_finger_keeps_its_force_through_a_drift(arm, level, seconds, with_baseline, share, slack):
     """Up to 600 Pa, of which the baseline follows what the board's free tactels show."""
     pressed = pressed_by(arm, 8.0)
-    settings = {"with_baseline": with_baseline, "period_s": 0.1, "quiet": 20, "seed": 55}
-    found = list(contacts_under(arm, level, lambda t_s: pressed + 5.0 * t_s, 10 * seconds, **settings))
+    settings = {"with_baseline": with_baseline, "period_s": 0.2, "quiet": 20, "seed": 55}
+    found = list(contacts_under(arm, level, lambda t_s: pressed + 5.0 * t_s, 5 * seconds, **settings))
     forces = [contacts.force.sum() for contacts in found]
     assert np.mean([len(contacts) == 1 for contacts in found]) >= share
     assert np.mean(forces[-20:]) == pytest.approx(np.mean(forces[:20]), rel=slack)
@@ -75,5 +75,5 @@ def test_press_on_boards_with_an_offset_is_one_contact_with_its_force(arm, board
 @pytest.mark.parametrize("level", ["kmeans", "fit"])
 def test_press_that_all_of_a_board_feels_is_no_offset(arm, level):
     wide = np.where(arm.tactel_patch == BOARD, 1.5 * arm.tactel_threshold, 0.0)
-    found = contacts_under(arm, level, lambda t_s: wide, 50, with_baseline=False, quiet=0)
+    found = contacts_under(arm, level, lambda t_s: wide, 10, with_baseline=False, quiet=0)
     assert all(len(contacts) for contacts in found)

@@ -40,7 +40,6 @@ def test_zeros_from_before_a_rail_are_taken_up_again_under_the_same_finger(rail)
     assert (skin.baseline.felt.doubt[BOARD] > doubt).all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("was_touched", [False, True], ids=["free", "pressed"])
 def test_corner_stuck_at_full_scale_is_missing_whatever_touches_beside_it(was_touched):
     """Beyond a corner there may be a second contact: only its onset shows that there is none."""
@@ -95,12 +94,12 @@ def test_dead_tactel_is_named_within_ten_touches_of_its_neighbourhood(tactels, s
 
 
 def test_dead_tactel_that_feels_again_is_plausible():
-    skin = Skin(7, lambda raw, now, rng: raw.__setitem__(INNER, 0.0) if now < 600 else None)
+    skin = Skin(7, lambda raw, now, rng: raw.__setitem__(INNER, 0.0) if now < 400 else None)
     touch = press(ARM.tactel_s[INNER], ARM.tactel_a[INNER], 10.0)
     other = press(ARM.tactel_s[INNER] + 0.006, ARM.tactel_a[INNER], 10.0)
     skin.read(cycles=60)
-    while skin.cycle < 560:
-        skin.read(touch if skin.cycle < 300 else other, cycles=20)
+    while skin.cycle < 380:
+        skin.read(touch if skin.cycle < 200 else other, cycles=20)
         skin.read(cycles=20)
     assert skin.faulty == [INNER]
     skin.read(cycles=100)

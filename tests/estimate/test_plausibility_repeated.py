@@ -100,7 +100,7 @@ def test_board_without_noise_that_is_tapped_at_a_steady_rate_is_not_withheld():
         raw[BOARD] = np.rint((skin.zeros + PRESS * (now // 10 % 2))[BOARD] / STEP) * STEP
 
     skin = Skin(28, without_noise)
-    assert not any(withheld(skin, NO_TOUCH, 1000))
+    assert not any(withheld(skin, NO_TOUCH, 500))
 
 
 @pytest.mark.slow
@@ -125,11 +125,11 @@ def test_board_that_repeats_its_readings_now_and_then_is_withheld_whenever_it_do
 
 @pytest.mark.parametrize("rail", [-250.1e3, TOP])
 def test_board_at_a_rail_is_withheld_at_once_and_named_within_half_a_second_and_comes_back(rail):
-    skin = Skin(18, lambda raw, now, rng: raw.__setitem__(BOARD, rail) if 100 <= now < 600 else None)
+    skin = Skin(18, lambda raw, now, rng: raw.__setitem__(BOARD, rail) if 100 <= now < 400 else None)
     skin.read(cycles=100)
     assert all(withheld(skin, NO_TOUCH, 20)) or rail < 0.0, "below zero there is no contact to withhold"
     assert skin.cycles_to(TactelFault.RAIL, BOARD) <= 5
-    skin.read(cycles=600 - skin.cycle)
+    skin.read(cycles=400 - skin.cycle)
     assert not any(withheld(skin, NO_TOUCH, 200))
     assert skin.faulty == []
     assert np.abs(skin.baseline.zeros - skin.zeros)[BOARD].max() < 150.0

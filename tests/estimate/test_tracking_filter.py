@@ -50,7 +50,7 @@ def play(rng_seed, order=None):
     tracker = Tracker(ARM)
     place = rng.uniform([0.05, -0.15, 1.0], [0.35, 0.15, 9.0], (3, 3))
     out = []
-    for n in range(30):
+    for n in range(12):
         place[:, :2] += rng.normal(size=(3, 2)) * 3e-3
         seen = rng.random(3) < 0.9
         rows = [(0, s, float(SURFACES[0].wrap(a)), f) for s, a, f in place[seen]]

@@ -60,6 +60,7 @@ def test_what_has_no_type_is_refused_at_each_place():
             add(np.zeros(2))
 
 
+@pytest.mark.slow
 def test_bounds_are_checked_where_numba_is_asked_to():
     done = subprocess.run(
         [sys.executable, "-c", BEYOND_THE_END],

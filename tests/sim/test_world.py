@@ -29,6 +29,7 @@ def forearm():
     return scene, played(scene, 250)
 
 
+@pytest.mark.slow
 def test_counts_on_the_bus_are_the_pressures_of_the_scene_in_every_cycle(forearm):
     scene, cycles = forearm
     plan, batch = ReadingsPlan(scene.arm, ods_of(scene.arm)), FrameBatch(1024)

@@ -169,6 +169,7 @@ def test_it_is_the_matrix_it_says(apply, forearm):
 # --- burst: spikes that neighbours and successive samples share.
 
 
+@pytest.mark.slow
 def test_bursts_come_at_their_rate_on_every_board(apply, forearm):
     t = np.arange(0.0, 600.0, 0.02)
     out = apply(Burst(per_minute=6.0, duration_ms=5.0), 0.0, t)
