@@ -188,8 +188,10 @@ class FrameFormat:
         return list(dict.fromkeys(every))
 
     def counts(self, raw: npt.NDArray[Any]) -> Ints32:
-        """Return the counts (n,) of readings (n,)."""
+        """Return the counts (n,) of readings (n,); the last one that its type has is at full scale."""
         counts = np.clip(np.rint((raw - self.zero) * self.gain), -0x8000, 0x7FFF)
+        limits = np.iinfo(self.type)
+        counts[raw == (limits.max if self.gain > 0.0 else limits.min)] = 0x7FFF
         return counts.astype(np.int32)
 
 

@@ -45,7 +45,6 @@ class Receiver:
             for k, part in enumerate(patch.parts):
                 self._at.setdefault(part.can_id, []).append((patch, k, part))
         self._sample: Sample | None = None
-        self._healthy = np.zeros(self._raw.size, np.bool_)
 
     @property
     def can_ids(self) -> CobIds:
@@ -75,10 +74,8 @@ class Receiver:
                 self._sample = None
         if self._sample is None:
             healthy = np.concatenate([patch.healthy & (not patch.fault) for patch in self._patches])
-            if not np.array_equal(healthy, self._healthy):  # an array that was returned before costs less
-                self._healthy = healthy
             t_ns = np.array([patch.t_ns for patch in self._patches])
-            self._sample = Sample(self._format.counts(self._raw.ravel()), t_ns, self._healthy)
+            self._sample = Sample(self._format.counts(self._raw.ravel()), t_ns, healthy)
         return self._sample
 
 

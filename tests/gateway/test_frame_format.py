@@ -93,9 +93,10 @@ def test_commands_are_those_of_the_source(name, kind, addresses, frames):
     assert [text(*each) for each in found.commands(getattr(found, kind), addresses)] == frames
 
 
-def test_pressure_lets_readings_of_mtb4_fall_and_counts_rise():
+def test_pressure_lets_readings_of_mtb4_fall_and_counts_rise_to_full_scale():
     counts = load_format("icub-mtb4").counts(np.array([255, 240, 239, 0]))
-    assert_array_equal(counts, [-15 << 7, 0, 1 << 7, 240 << 7])
+    assert_array_equal(counts, [-15 << 7, 0, 1 << 7, 0x7FFF])
+    assert load_format("linkerhand").counts(np.array([255])) == 0x7FFF
 
 
 @pytest.mark.parametrize(
