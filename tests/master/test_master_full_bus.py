@@ -7,6 +7,8 @@ from skinbus.objects import cia
 from tests.master.rig import Rig
 from tests.socketcan.many import many_patches
 
+pytestmark = pytest.mark.slow
+
 N_PATCHES = 126
 RATE_HZ = 10.0
 BITRATE = 1_000_000
@@ -35,7 +37,6 @@ def is_of_boot(frame):
     return frame.can_id == cia.NMT_COMMAND_ID or sdo or boot_up
 
 
-@pytest.mark.slow
 def test_126_patches_are_operational_about_as_fast_as_their_frames_can_cross_the_wire(full):
     boot = [frame for frame in full.frames if is_of_boot(frame)]
     # Nothing is said twice: what crosses is what must, and the reset and the boot-up message of the master.
@@ -47,7 +48,6 @@ def test_126_patches_are_operational_about_as_fast_as_their_frames_can_cross_the
     assert 1.0 <= ratio <= MAX_RATIO
 
 
-@pytest.mark.slow
 def test_all_are_fresh_in_every_cycle_and_in_time(full):
     n = len(full.frames)
     cycles, events, _ = full.run(2000)

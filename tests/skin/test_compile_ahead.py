@@ -12,6 +12,8 @@ from skinbus.skin import compile_ahead
 from tests.cli.patience import PATIENCE_S, wait_until
 from tests.master.rig import Rig
 
+pytestmark = pytest.mark.slow
+
 
 def run(code, folder):
     return subprocess.run(
@@ -30,13 +32,11 @@ def test_compiling_is_done_once_and_goes_on_when_who_asked_for_it_has_ended(tmp_
     assert run("print(first_level('fit'))", tmp_path).stdout.strip() == "fit"
 
 
-@pytest.mark.slow
 def test_without_a_place_for_kernels_the_level_is_the_one_asked_for(tmp_path):
     (tmp_path / "file").touch()
     assert run("print(first_level('full'))", tmp_path / "file").stdout.strip() == "full"
 
 
-@pytest.mark.slow
 def test_level_that_is_compiled_while_the_master_runs_is_used_from_then_on(monkeypatch):
     monkeypatch.setattr(compile_ahead, "is_kept", lambda level: level == "fit")
     monkeypatch.setattr(compile_ahead, "WARM", (sys.executable, "-c", ""))
