@@ -32,8 +32,9 @@ Ods = Mapping[int, ObjectDictionary]
 def command(arm: str, where: Where, dry_run: bool) -> None:
     """Write the values of the EDS and DCF files and settings of ARM (a name or a TOML file) into its patches.
 
-    Every value is read. If it differs, it is written, read back and stored in the patch (0x1010), where the
-    master finds it at every start. The patches are left pre-operational; stop the master first.
+    Each patch is reset, so that it holds what it has stored. Every value is read. If it differs, it is
+    written, read back and stored (0x1010), where the master finds it at every start. The patches are left
+    pre-operational; stop the master first. --dry-run does not reset: what is not stored counts, too.
 
     Status 0: every patch is as asked. 1: one is absent, refused, not stored, or would change. 2: bad
     file or argument. 3: no bus, or a master is active.

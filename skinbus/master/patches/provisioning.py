@@ -411,8 +411,9 @@ TRIES = 3
 LISTEN_NS = 300_000_000
 """Before anything is sent, the bus is listened to for so long: SYNC means that a master is at work."""
 
-REBOOT_NS = 2_000_000_000
-"""Longest time from the reset of a patch to its boot-up message."""
+RESETS = (cia.NmtCommand.RESET_NODE, 2_000_000_000), (cia.NmtCommand.PRE_OPERATIONAL, 0)
+"""After these a patch holds what it has stored, and sends no readings, whose meaning may change: commands,
+and the longest time to the boot-up message, ns."""
 
 
 class Configurer(NodesCore[Provisioned]):
@@ -428,19 +429,14 @@ class Configurer(NodesCore[Provisioned]):
         self._task = Task.COMPARE if dry_run else Task.CONFIGURE
         super().__init__(self._plans, timeouts, listens_ns=LISTEN_NS)
 
-    def _first(self) -> list[Frame]:
-        """Readings must not change their meaning under a listener."""
-        command = cia.NmtCommand.PRE_OPERATIONAL
-        return [nmt_frame(command, node_id) for node_id in self._plans if self._task is Task.CONFIGURE]
-
     def _script(self, node_id: int) -> Script[Provisioned]:
-        plan = self._plans[node_id]
+        plan, resets, is_restored = self._plans[node_id], self._task is Task.CONFIGURE, False
         for _ in range(TRIES):
-            result = yield from provision(plan, self._task)
-            if result.outcome is Provision.RESTORED:
-                reset = nmt_frame(cia.NmtCommand.RESET_NODE, node_id)
-                yield Listen(REBOOT_NS, lambda frame: frame.data == b"\0", (reset,))
-                result = yield from provision(plan, self._task, is_restored=True)
-            if result.outcome is not Provision.ABSENT or result.changes:
+            for command, ns in RESETS if resets else ():
+                yield Listen(ns, lambda frame: frame.data == b"\0", (nmt_frame(command, node_id),))
+            result = yield from provision(plan, self._task, is_restored=is_restored)
+            resets = result.outcome is Provision.RESTORED
+            is_restored |= resets
+            if not resets and (result.outcome is not Provision.ABSENT or result.changes):
                 break
         return result
