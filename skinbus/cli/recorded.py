@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -132,16 +133,17 @@ class Recorded(Replayed):
 
 def values_of(contact: Contact) -> dict[str, Any]:
     """Return a contact as numbers and words: m, N, in the frame of its link; None for what is not known."""
-    covariance = np.full((3, 3), None) if contact.covariance is None else contact.covariance
-    numbers = (
-        contact.s, contact.a, contact.force, *contact.point.tolist(), *contact.normal.tolist(),
-        *covariance[np.triu_indices(3)].tolist(),
-    )  # fmt: skip
+    covariance = np.full((3, 3), np.nan) if contact.covariance is None else contact.covariance
+    place = contact.s, contact.a, contact.force
+    numbers = np.concatenate([place, contact.point, contact.normal, covariance[np.triu_indices(3)]]).tolist()
     return {
         **{name: getattr(contact, name) for name in ("id", "identity", "link", "level")},
         "state": contact.state.name.lower(),
         "quality": None
         if contact.quality is None
         else str(Quality(contact.quality).name).lower().replace("_", "-"),
-        **dict(zip(CONTACT_COLUMNS[8:], numbers, strict=True)),
+        **{
+            name: None if math.isnan(number) else number
+            for name, number in zip(CONTACT_COLUMNS[8:], numbers, strict=True)
+        },
     }

@@ -61,9 +61,9 @@ class Reader:
 
     def call(self, clock: Clock) -> None:
         """Take one sample; one that fails, or is none, leaves no healthy tactel."""
-        before, (low, high) = self._sample, self._limits
+        low, high = self._limits
         fault = ""
-        counts, healthy = before.counts, self._none
+        counts, healthy = self._sample.counts, self._none
         try:
             counted = np.ma.asarray(self._read()).astype(np.float64, casting="same_kind")
             values: Floats = np.ma.filled(counted, np.nan)
@@ -78,8 +78,7 @@ class Reader:
             else:
                 counts = np.where(there, values, low).astype(np.int32)
                 healthy = there
-        same = np.array_equal(healthy, before.healthy)
-        self._sample = Sample(counts, np.array([clock.now_ns()]), before.healthy if same else healthy)
+        self._sample = Sample(counts, np.array([clock.now_ns()]), healthy)
         if bool(fault) is not bool(self.fault):  # texts may have times in them
             self._say(fault)
         self.fault = fault
