@@ -50,9 +50,9 @@ def command(arm: str, where: Where, out: Path | None) -> None:
     turned or mirrored. A ring whose boards differ becomes single patches. Each board needs a node-ID, no
     matter which: `skinbus scan assign` gives one to boards without.
 
-    Boards are started with the first EDS of their kind in ARM, and lose what was stored in them beside it:
-    run `skinbus configure` afterwards. No file is written after `quit` or Ctrl-C. Several buses are
-    identified one by one (--bus).
+    Boards are started as the patch of ARM with their node-ID, else as the first one of their kind, and lose
+    another configuration that they have stored: run `skinbus configure` afterwards. No file is written after
+    `quit` or Ctrl-C. Several buses are identified one by one (--bus).
 
     Status 0: every place has its board. 1: some have none. 2: bad file or argument. 3: no bus, or a master
     is active.

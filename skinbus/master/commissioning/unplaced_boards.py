@@ -27,10 +27,8 @@ Kind = tuple[int, ...]
 
 UNSAID = (EventKind.TACTELS_IMPLAUSIBLE, EventKind.TACTELS_IMPLAUSIBLE_END)
 
-GRID = 12
-"""Boards in a row of the plane that stands for places not known: 12 x 11 for 126."""
 APART = 0.2
-"""m: no board is near another."""
+"""m, in the row of boards that stands for places not known: none is near another."""
 
 
 N_KIND = 3
@@ -44,7 +42,7 @@ class BoardKind(NamedTuple):
     """Device type, vendor and product; all boards of an arm that have them alike are of one kind."""
     patch: Patch
     """Not mirrored, whatever the arm file says of its place."""
-    eds: str
+    placed: PlacedPatch
 
 
 def kinds_of(arm: Arm) -> list[BoardKind]:
@@ -52,7 +50,7 @@ def kinds_of(arm: Arm) -> list[BoardKind]:
     kinds = []
     for placed, od in zip(arm.patches, ods_of(arm), strict=True):
         kind = tuple(number_at(od, index, sub) for _, index, sub in NUMBERS[:N_KIND])
-        kinds.append(BoardKind(kind, describe_patch(od, placed.eds), placed.eds))
+        kinds.append(BoardKind(kind, describe_patch(od, placed.eds), placed))
     return kinds
 
 
@@ -73,21 +71,31 @@ def unplaced(nodes: Iterable[Found], arm: Arm) -> Unplaced | None:
     strangers: list[int] = []
     for node in sorted(nodes, key=lambda node: node.node_id):
         numbers = [node.numbers.get(name) or 0 for name, _, _ in NUMBERS]
-        # a number that an EDS leaves zero fits any
-        own = next(
-            (own for own in kinds if all(w in (0, n) for w, n in zip(own.kind, numbers, strict=False))), None
+        # a number that an EDS leaves zero fits any; a board is configured as the patch with its node-ID
+        own = max(
+            (own for own in kinds if all(w in (0, n) for w, n in zip(own.kind, numbers, strict=False))),
+            key=lambda own: own.placed.node_id == node.node_id,
+            default=None,
         )
         if own is None:
             strangers.append(node.node_id)
             continue
         uv, threshold = own.patch.tactels_uv, own.patch.threshold
         boards.append(Board(node.node_id, own.kind, uv, threshold, numbers[-1]))
-        row, column = divmod(len(patches), GRID)
-        s, a = APART * (column + 1), APART * (row - 0.5 * GRID)
-        patches.append(PlacedPatch(patch=own.patch, node_id=node.node_id, link=0, s=s, a=a, eds=own.eds))
+        patches.append(
+            PlacedPatch(
+                patch=own.patch,
+                node_id=node.node_id,
+                link=0,
+                s=APART * (len(patches) + 1),
+                a=0.0,
+                eds=own.placed.eds,
+                settings=own.placed.settings,
+            )
+        )
     if not boards:
         return None
-    plane = Link("not placed", Surface.plane(APART * (GRID + 1), APART * (GRID + 1)))
+    plane = Link("not placed", Surface.plane(APART * (len(patches) + 1), APART))
     return Unplaced(boards, Arm(arm.name, [plane], patches, arm.bus), strangers)
 
 
