@@ -12,7 +12,7 @@ from skinbus.skin import compile_ahead
 from tests.cli.patience import PATIENCE_S, wait_until
 from tests.master.rig import Rig
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.slow  # one compiles for a minute
 
 
 def run(code, folder):
@@ -23,7 +23,6 @@ def run(code, folder):
     )  # fmt: skip
 
 
-@pytest.mark.slow  # compiles for a minute
 def test_compiling_is_done_once_and_goes_on_when_who_asked_for_it_has_ended(tmp_path):
     ask = "import os; print(first_level('fit'), *(start_compiling().pid for _ in range(2)), flush=True)"
     available, *pids = run(f"{ask}; os._exit(0)", tmp_path).stdout.split()  # as one that is killed
