@@ -361,7 +361,7 @@ class _Fit:
         What the unknowns have taken up of them is added.
         """
         kept, amplitude, tactel = self.kept, self.amplitude, self.tactels.owner
-        by_law = np.einsum("ri,ij,rj->r", self._rows, self._covariance, self._rows)
+        by_law = (self._rows @ self._covariance * self._rows).sum(axis=1)
         taken_up = by_law + self.tactels.taken_up + self.presses.taken_up
         at = np.minimum(self.d / REACH * BINS, BINS - 1.0).astype(np.intp)
         sd = np.sqrt(self.variance + self._unmatched)
@@ -428,7 +428,7 @@ class _Fit:
         at = np.linspace(0.0, min(max(STEP * (last + 2), MAP_REACH * has_map), REACH), POINTS)
         basis = _matrix(_PROFILES, at)
         k = basis @ self.table
-        unknown = np.einsum("ri,ij,rj->r", basis, self._covariance[:-1, :-1], basis)
+        unknown = (basis @ self._covariance[:-1, :-1] * basis).sum(axis=1)
         gain, width, _ = self.tactels.variance
         unknown += gain * k**2 + width * (at / STEP * (_matrix(_SLOPES, at) @ self.table)) ** 2
         return Radial(
