@@ -21,7 +21,6 @@ def rms(column):
 @pytest.mark.parametrize("surface", ["cone", "plane", "cylinder"])
 def test_twenty_boards_off_by_3_mm_and_3_deg_are_found_by_six_presses_each(tmp_path, surface):
     planned, true, presses = made(tmp_path, surface, SEED)
-    print(f"seed {SEED}")
     found = locate(planned, presses)
     left = errors(true, found)
     assert rms(np.hypot(*left[:, :2].T)) < 0.3e-3

@@ -61,7 +61,6 @@ def test_contacts_between_coarse_tactels_are_true_within_what_they_claim(learned
         position.append(1e3 * np.hypot(*error[:2]))
         force.append(contacts.force[0])
         nees.append(error @ np.linalg.solve(contacts.covariance[0], error) / 3.0)
-    print(np.mean(position), np.quantile(position, 0.95), np.std(force) / np.mean(force), np.mean(nees))
     assert np.mean(position) <= 0.5
     assert np.quantile(position, 0.95) <= 1.5
     assert np.mean(np.array(position) > 3.0) < 0.01
