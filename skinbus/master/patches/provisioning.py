@@ -411,9 +411,8 @@ TRIES = 3
 LISTEN_NS = 300_000_000
 """Before anything is sent, the bus is listened to for so long: SYNC means that a master is at work."""
 
-RESETS = (cia.NmtCommand.RESET_NODE, 2_000_000_000), (cia.NmtCommand.PRE_OPERATIONAL, 0)
-"""After these a patch holds what it has stored, and sends no readings, whose meaning may change: commands,
-and the longest time to the boot-up message, ns."""
+REBOOT_NS = 2_000_000_000
+"""Longest time from the reset of a patch to its boot-up message."""
 
 
 class Configurer(NodesCore[Provisioned]):
@@ -430,13 +429,20 @@ class Configurer(NodesCore[Provisioned]):
         super().__init__(self._plans, timeouts, listens_ns=LISTEN_NS)
 
     def _script(self, node_id: int) -> Script[Provisioned]:
-        plan, resets, is_restored = self._plans[node_id], self._task is Task.CONFIGURE, False
+        plan = self._plans[node_id]
+        if self._task is Task.CONFIGURE:
+            yield from _reset(node_id)
         for _ in range(TRIES):
-            for command, ns in RESETS if resets else ():
-                yield Listen(ns, lambda frame: frame.data == b"\0", (nmt_frame(command, node_id),))
-            result = yield from provision(plan, self._task, is_restored=is_restored)
-            resets = result.outcome is Provision.RESTORED
-            is_restored |= resets
-            if not resets and (result.outcome is not Provision.ABSENT or result.changes):
+            result = yield from provision(plan, self._task)
+            if result.outcome is Provision.RESTORED:
+                yield from _reset(node_id)
+                result = yield from provision(plan, self._task, is_restored=True)
+            if result.outcome is not Provision.ABSENT or result.changes:
                 break
         return result
+
+
+def _reset(node_id: int) -> Script[None]:
+    """Let a patch hold what it has stored, and send no readings, whose meaning may change."""
+    for command, ns in ((cia.NmtCommand.RESET_NODE, REBOOT_NS), (cia.NmtCommand.PRE_OPERATIONAL, 0)):
+        yield Listen(ns, lambda frame: frame.data == b"\0", (nmt_frame(command, node_id),))
