@@ -148,9 +148,10 @@ class Gather:
         """End the cycle and return which patches are fresh: every TPDO came in answer to this SYNC."""
         self.is_open = self.has_news = False
         free_ns = self.freshness.answers.free_ns
-        is_used, self.age_ns = judge_stamps(self.plan, self._stamps, free_ns, self._opened_ns)
-        fresh = self.has_answered & (self.plan.expected != 0)
-        return self.freshness.judge(fresh & is_used & (self.age_ns <= self._max_age_ns))
+        is_used, self.age_ns = judge_stamps(
+            self.plan, self._stamps, free_ns, self._opened_ns, self._max_age_ns
+        )
+        return self.freshness.judge(self.has_answered & (self.plan.expected != 0) & is_used)
 
     def _take_late(self, n: int, batch: FrameBatch) -> None:
         """Count n frames of a closed cycle, those in the batch: they answer its SYNC, or one before."""
@@ -164,15 +165,18 @@ class Gather:
         return int(np.bitwise_count(self.plan.on_sync[self.owing] & ~self.seen[self.owing]).sum())
 
 
-def judge_stamps(plan: ReadingsPlan, stamps: Bytes, free_ns: Ints, now_ns: int) -> tuple[Mask, Ints]:
+def judge_stamps(
+    plan: ReadingsPlan, stamps: Bytes, free_ns: Ints, now_ns: int, max_age_ns: int
+) -> tuple[Mask, Ints]:
     """Return whether the newest readings of each patch may be used, by what it says, and their ages (ns).
 
     Both (n_patches,). What comes by a timer alone is older by the time since then, what is sent on a
     change is not. Those that have not come in time are not used, nor is what says that it is old.
 
     Args:
-        stamps:  as of ``plan.unpack``.
-        free_ns: (n_frames,) when TPDOs that run freely came, 0 for never.
+        stamps:     as of ``plan.unpack``.
+        free_ns:    (n_frames,) when TPDOs that run freely came, 0 for never.
+        max_age_ns: what is older is not used.
     """
     of_patch, is_used = np.zeros(plan.n_patches, np.int64), np.ones(plan.n_patches, np.bool_)
     if not (plan.has_free or plan.stamped.any()):
@@ -182,4 +186,4 @@ def judge_stamps(plan: ReadingsPlan, stamps: Bytes, free_ns: Ints, now_ns: int) 
     is_bad = (stamps[:, 1] & UNUSABLE != 0) | (plan.free & (free_ns == 0)) | (since_ns > plan.pause_ns)
     np.maximum.at(of_patch, plan.pdo_patch, age_ns)
     is_used[plan.pdo_patch[is_bad]] = False
-    return is_used, of_patch
+    return is_used & (of_patch <= max_age_ns), of_patch

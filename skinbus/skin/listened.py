@@ -268,8 +268,8 @@ class ListenedReadings:
         """
         plan = self._plan
         self._free_ns[~is_sending[plan.pdo_patch]] = 0
-        is_used, age_ns = judge_stamps(plan, self._stamps, self._free_ns, t_ns)
-        is_used &= age_ns <= 1_000_000 * self._arm.bus.max_age_ms
+        max_age_ns = 1_000_000 * self._arm.bus.max_age_ms
+        is_used, _ = judge_stamps(plan, self._stamps, self._free_ns, t_ns, max_age_ns)
         fresh = (self._seen == plan.on_sync) & is_sending & is_used
         self._seen[:] = 0
         pressures = (self._counts - plan.counts_offset) * plan.counts_scale
