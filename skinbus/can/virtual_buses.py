@@ -38,9 +38,10 @@ class VirtualBuses:
 
     def run(self, until_ns: int) -> None:
         """Let everything happen that happens up to and including ``until_ns``; then it is ``until_ns``."""
-        while (
-            self.wires[1:] and (first := min(self.wires, key=lambda wire: wire.next_ns)).next_ns <= until_ns
-        ):
+        while len(self.wires) > 1:  # they take turns
+            first = min(self.wires, key=lambda wire: wire.next_ns)
+            if first.next_ns > until_ns:
+                break
             first.run(first.next_ns)
         for wire in self.wires:
             wire.run(until_ns)

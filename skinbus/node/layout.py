@@ -44,6 +44,7 @@ class ImageEntry:
         self.relative, default = variable.relative, variable.default
         self.default: bytes | None = bytes(self.size) if self.size else None
         """Bytes at power-on, less the node-ID where the default is relative to it; None without a value."""
+        # an integer that is zero need not be encoded, as most are
         if default or (default is not None and (not self.size or variable.data_type in FLOATS)):
             self.default = bytes(variable.encode_raw(default - base if self.relative else default))
         self.readable, self.writable = variable.readable, variable.writable
